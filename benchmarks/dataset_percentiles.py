@@ -7,9 +7,9 @@ from tempfile import TemporaryDirectory
 import tyro
 from figures import Figure, answer, at_most
 
+from ninedtact_train.dataset.dataset_card import REAL_PERCENTILES
 from ninedtact_train.dataset.generation.generate import generate_dataset
 from ninedtact_train.dataset.generation.settings import GenerationSettings
-from ninedtact_train.dataset.statistics_and_card import REAL_PERCENTILES
 
 ALLOWED = 25.0
 """% of each axis's span from 5 to 95."""

@@ -38,7 +38,7 @@ from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
 from ninedtact_train.batched.session_requests import SimulatedSetup, run_session_on_cpu
-from ninedtact_train.dataset.generation.press_trajectory import PressSettings, RandomPress
+from ninedtact_train.dataset.generation.press_session import PressSettings, RandomPress
 from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.rectified_renderer import rectified_renderer

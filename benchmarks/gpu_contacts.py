@@ -25,9 +25,10 @@ from ninedtact_train.batched.session_requests import (
     StepRequest,
     respond_on_cpu,
 )
-from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
-from ninedtact_train.dataset.generation.generate import SimulatedPressSession, make_simulated_sensor
-from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares
+from ninedtact_train.collecting.training_pair_rule import PairKindShares, SamplingRuleSettings
+from ninedtact_train.dataset.generation.generate import make_simulated_sensor
+from ninedtact_train.dataset.generation.press_session import SimulatedPressSession
+from ninedtact_train.dataset.generation.settings import GenerationSettings
 
 WANTED_PER_S = 500.0
 """Rendered contacts on a GPU."""

@@ -26,7 +26,7 @@ from ninedtact import SensorFolder
 from ninedtact.calibration.save import save_sensor
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_controller import DisplayedSensor
 from ninedtact.studio.press_control import TwinPressController

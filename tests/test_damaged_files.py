@@ -55,7 +55,7 @@ from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import Deblurring
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.design_file import hardware_design_to_toml
 from ninedtact_train.dataset import load_dataset
 from ninedtact_train.evaluation.predictions import WrenchPredictions, write_predictions
@@ -126,7 +126,7 @@ def sensor_kinds(sensor: Path, folder: Path) -> Iterator[tuple[str, Kind]]:
     yield "camera.toml", Kind(delay, printing(lambda out: msgspec.to_builtins(read_camera_delay(folder))), damaged_text)
     design, hardware = folder / "design.toml", folder / "hardware.toml"
     design.write_text(design_to_toml(ninedtact.load_sensor(sensor).record.design))
-    hardware.write_text(hardware_design_to_toml(default_hardware_design()))
+    hardware.write_text(hardware_design_to_toml(HardwareDesign()))
     read_design = printing(lambda out: msgspec.to_builtins(read_design_file(design)))
     yield "design", Kind(design, read_design, damaged_text, is_authored=True)
     check = commands(f"hardware check --design {hardware} --json")
@@ -211,7 +211,7 @@ def data_kinds(folder: Path) -> Iterator[tuple[str, Kind]]:
             found.ids.tolist(),
             found.wrenches.tolist(),
             batch.images.sum((1, 2)).tolist(),
-            found.objects.values.tolist(),
+            found.objects.tolist(),
         ]
 
     for name in ("settings.json", "sensors.json"):

@@ -28,6 +28,7 @@ LAYERS = {
         {"recording", "sensor"},
         {"source_addresses"},
         {"open_sensor", "live"},
+        {"live_sensor"},
         {"studio"},
         {"interop"},
         {"cli"},

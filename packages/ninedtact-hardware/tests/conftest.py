@@ -1,7 +1,7 @@
 import pytest
 
 from ninedtact_hardware.buildable_design import BuildableDesign
-from ninedtact_hardware.design import default_hardware_design, original_hardware_design
+from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 
 
 @pytest.fixture(scope="session")
@@ -13,4 +13,4 @@ def original() -> BuildableDesign:
 @pytest.fixture(scope="session")
 def default() -> BuildableDesign:
     """Ours."""
-    return BuildableDesign(default_hardware_design())
+    return BuildableDesign(HardwareDesign())

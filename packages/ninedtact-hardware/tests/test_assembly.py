@@ -7,7 +7,7 @@ from clearance_agreement import LED_AND_RING, NEAREST, require_agreement
 from ninedtact_hardware.buildability import find_broken_rules
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.clearances import list_clearances
-from ninedtact_hardware.design import HardwareDesign, default_hardware_design
+from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.part_dimensions import BaseDimensions, ShellDimensions
 from ninedtact_hardware.published_specifications import OTHER_PUBLISHED_SENSORS, PUBLISHED_9DTACT
 
@@ -20,27 +20,6 @@ TIGHT_IN_THE_ORIGINAL = {
     "bolt of the robot, hole of the base",
     "plug's overmould, mouth of the receptacle",
 }
-LEVELS = {
-    "plate_top": 3.0,
-    "usb_bottom": 4.85,
-    "boss_top": 6.5,
-    "board_bottom": 7.5,
-    "board_top": 8.3,
-    "ring_bottom": 8.5,
-    "led_top": 9.02,
-    "ceiling": 9.3,
-    "lens_front": 10.95,
-    "floor_top": 11.3,
-    "frame_top": 12.1,
-    "window_top": 13.3,
-    "rim": 22.5,
-    "skin": 25.0,
-    "top": 25.3,
-}
-
-
-def test_levels(original: BuildableDesign) -> None:
-    assert {name: getattr(original.design.heights, name) for name in LEVELS} == pytest.approx(LEVELS, abs=1e-9)
 
 
 def test_bodies_lie_at_their_levels(original: BuildableDesign) -> None:
@@ -71,15 +50,15 @@ def test_clearances_told_are_clearances_of_the_solids(default: BuildableDesign) 
     ("design", "between", "mm"),
     [
         # The ring's half side is 9.95; the nearest faces of the upper row's LEDs stand at y 7.5 − 1.4.
-        (replace(default_hardware_design(), shell=ShellDimensions(hole_mm=20.0)), "LED, isolation ring", 6.1 - 9.95),
+        (replace(HardwareDesign(), shell=ShellDimensions(hole_mm=20.0)), "LED, isolation ring", 6.1 - 9.95),
         # The fillet begins 0.5 below the board's upper edge, the boss 0.1 beside it.
         (
-            replace(default_hardware_design(), shell=ShellDimensions(fillet_mm=1.5)),
+            replace(HardwareDesign(), shell=ShellDimensions(fillet_mm=1.5)),
             "LED board, rounded ceiling of the shell",
             1.5 - math.hypot(1.4, 0.5),
         ),
         (
-            replace(default_hardware_design(), base=BaseDimensions(pocket_front_mm=4.0)),
+            replace(HardwareDesign(), base=BaseDimensions(pocket_front_mm=4.0)),
             "camera body, wall of the pocket at +y",
             -0.35,
         ),

@@ -7,7 +7,7 @@ from matplotlib.text import Annotation
 
 from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact_hardware.buildable_design import BuildableDesign
-from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.part_drawing import INK, draw_part, draw_part_as_svg_and_pdf, list_drawing_notes
 from ninedtact_hardware.part_geometry import Polyline, project_section
 from ninedtact_hardware.part_solids import build_first_mould, build_second_mould
@@ -29,7 +29,7 @@ def test_a_cut_lays_bare_what_the_plane_meets(original: BuildableDesign, name: s
 
 @pytest.mark.parametrize(("width", "height", "gel"), [(10.0, 10.0, 1.5), (60.0, 45.0, 5.0)])
 def test_so_it_does_in_every_size(width: float, height: float, gel: float) -> None:
-    design = default_hardware_design(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
+    design = HardwareDesign(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
     for build, window, thick_mm in (
         (build_first_mould, design.horizontal_dimensions.translucent, gel),
         (build_second_mould, design.horizontal_dimensions.black, gel + 0.3),

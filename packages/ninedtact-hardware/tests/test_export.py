@@ -21,7 +21,7 @@ from ninedtact.design import CameraGeometry, Gel, SensingArea, SensorDesign
 from ninedtact.errors import OutputError
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.command import format_fabrication_warnings
-from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.design_folder import require_replaceable_parts_folder
 from ninedtact_hardware.part_and_assembly_images import shell_enlargement_factor
 from ninedtact_hardware.part_catalogue import PART_CATALOGUE
@@ -95,7 +95,7 @@ def test_a_design_that_should_not_be_made_is_not_announced_as_one(
 ) -> None:
     said = "\n".join(format_fabrication_warnings(original.to_json_dict()))
     assert "DO NOT MAKE" in said and "sensor_base and camera" in said
-    large = BuildableDesign(default_hardware_design(SensorDesign(Gel(2.0), SensingArea(26, 18), CameraGeometry(15.0))))
+    large = BuildableDesign(HardwareDesign(SensorDesign(Gel(2.0), SensingArea(26, 18), CameraGeometry(15.0))))
     (said,) = format_fabrication_warnings({"interferences": [], "led_board_differences": large.led_board_differences})
     assert "NO LED BOARD TO ORDER" in said and "outline 30.00 / 21.00 mm" in said
     assert not [*format_fabrication_warnings(default.to_json_dict())]
@@ -109,7 +109,7 @@ def test_shops_are_told_what_files_cannot_say(folder: Path) -> None:
         assert told in printed
 
 
-@pytest.mark.parametrize("name", [made.name for made in PART_CATALOGUE if made.method == "printed"])
+@pytest.mark.parametrize("name", [name for name, (method, _) in PART_CATALOGUE.items() if method == "printed"])
 def test_stl_is_watertight_and_as_large_as_the_solid(default: BuildableDesign, name: str) -> None:
     part = default.parts[name]
     corners = np.frombuffer(part_to_stl(part.solid), STL_RECORD, offset=STL_HEADER_BYTES)["corners"]
@@ -124,13 +124,13 @@ def test_stl_is_watertight_and_as_large_as_the_solid(default: BuildableDesign, n
 
 WRITTEN = """
 from hashlib import sha256
-from ninedtact_hardware.design import default_hardware_design
+from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.part_files import part_to_dxf, part_to_step
 from ninedtact_hardware.part_drawing import draw_part_as_svg_and_pdf
 from ninedtact_hardware.part_catalogue import BuiltPart
 from ninedtact_hardware.part_solids import build_first_mould
 
-design = default_hardware_design()
+design = HardwareDesign()
 part = BuiltPart("first_mould", "cut", build_first_mould(design))
 drawings = [content for _, content in draw_part_as_svg_and_pdf(design, part)]
 print([sha256(content).hexdigest() for content in (part_to_dxf(part.solid), part_to_step(part.name, part.solid), *drawings)])
@@ -184,7 +184,7 @@ def test_drawings_and_images_open(folder: Path) -> None:
 
 def test_larger_sensors_are_pulled_apart_further(default: BuildableDesign) -> None:
     assert shell_enlargement_factor(default.bodies) == pytest.approx(1.0, abs=1e-6)
-    wide = build_sensor_shell(default_hardware_design(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
+    wide = build_sensor_shell(HardwareDesign(SensorDesign(sensing_area=SensingArea(60.0, 45.0))))
     assert shell_enlargement_factor([AssemblyBody("sensor_shell", wide)]) > 2
 
 

@@ -14,10 +14,10 @@ from ninedtact.cli import main
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.command import format_bill_of_materials
-from ninedtact_hardware.design import default_hardware_design, original_hardware_design
+from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 from ninedtact_hardware.design_comparison import explore_designs
 from ninedtact_hardware.design_file import read_hardware_design
-from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep, change_design
+from ninedtact_hardware.design_sweep import DesignSweep, change_design
 from ninedtact_hardware.fabrication_guide import format_fabrication_guide, write_fabrication_guide
 from ninedtact_hardware.lens_view import lens_view_radius_mm
 from ninedtact_hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
@@ -86,12 +86,12 @@ def test_bill_and_guide_name_what_the_design_asks_for(default: BuildableDesign) 
     assert usual["translucent_gel"].startswith("Posilicone DRSGJ02 (Shore A 5), 1 : 1 by weight; mix")
     sensor = SensorDesign(Gel(shear_modulus_mpa=shore_a_to_shear_modulus_mpa(15)), camera=CameraGeometry(20.0, 120.0))
     fasteners = FastenerDimensions(insert_mm=(3.3, 4.0))
-    other = BuildableDesign(replace(default_hardware_design(sensor), fasteners=fasteners))
+    other = BuildableDesign(replace(HardwareDesign(sensor), fasteners=fasteners))
     what = {item.name: item.what for item in other.bill}
     assert what["camera"].startswith("camera with a lens of 120°") and "(M2-3-5)" not in what["insert"]
     assert "of about Shore A 15 " in what["translucent_gel"] and "1 : 1" not in what["translucent_gel"]
     assert "of about Shore A 15 " in format_fabrication_guide(other)
-    explored = change_design(default_hardware_design(), shore_a=5.0).sensor.gel.shear_modulus_mpa
+    explored = change_design(HardwareDesign(), shore_a=5.0).sensor.gel.shear_modulus_mpa
     assert translucent_silicone_of_modulus(explored) == TRANSLUCENT_SILICONE
     assert "less than Shore A 1 " in translucent_silicone_of_modulus(0.003).product
 
@@ -106,7 +106,7 @@ def test_explore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert thin["depth_noise_mm"] < thick["depth_noise_mm"]
     assert thin["depth_range_mm"] < thick["depth_range_mm"] and thin["depth_at_1n_mm"] < thick["depth_at_1n_mm"]
     assert cv2.imread(str(out / "explore.png")) is not None
-    assert len((out / "explore.csv").read_text().splitlines()) == 4
+    assert json.loads((out / "explore.json").read_text())["designs"] == found["designs"]
 
 
 def test_a_comparison_leaves_no_design_of_an_earlier_one(tmp_path: Path) -> None:
@@ -115,26 +115,19 @@ def test_a_comparison_leaves_no_design_of_an_earlier_one(tmp_path: Path) -> None
     for name in (*kept, "design_01.toml", "design_02.toml", "design_101.toml"):
         (tmp_path / name).write_text("earlier")
     assert main(["hardware", "explore", "--gel-mm", "1", "--out", str(tmp_path)]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == kept | {"explore.csv", "explore.png"}
+    assert {path.name for path in tmp_path.iterdir()} == kept | {"explore.json", "explore.png"}
 
 
 def test_a_value_that_no_sensor_has_is_refused_before_any_design_is_built() -> None:
     built: list[object] = []
     with pytest.raises(DesignImpossible, match=r"gel\.thickness_mm"):
-        built.extend(explore_designs([*DesignSweep(gel_mm=(2.5, 40.0)).designs(default_hardware_design())]))
+        built.extend(explore_designs([*DesignSweep(gel_mm=(2.5, 40.0)).designs(HardwareDesign())]))
     assert not built
 
 
-def test_the_usual_sweep_compares_the_gels() -> None:
-    usual = [*USUAL_SWEEP.designs(default_hardware_design())]
-    assert {(design.sensor.gel.thickness_mm, shore) for design, shore in usual} == {
-        (gel, shore) for gel in (1.5, 2.5, 4.0) for shore in (5.0, 15.0)
-    }
-
-
 def test_a_wider_area_takes_a_taller_sensor() -> None:
-    wide = change_design(default_hardware_design(), area_mm=(36.0, 27.0))
-    assert wide.heights.top > default_hardware_design().heights.top and lens_view_radius_mm(wide) > 22.5
+    wide = change_design(HardwareDesign(), area_mm=(36.0, 27.0))
+    assert wide.heights.top > HardwareDesign().heights.top and lens_view_radius_mm(wide) > 22.5
 
 
 def test_a_design_proves_itself_before_it_is_printed(tmp_path: Path) -> None:

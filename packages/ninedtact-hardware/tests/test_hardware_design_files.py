@@ -1,6 +1,4 @@
-import os
 from pathlib import Path
-from threading import Thread
 
 import pytest
 
@@ -8,7 +6,7 @@ from ninedtact.cli import main
 from ninedtact.design import Gel, SensingArea, SensorDesign, read_design_file
 from ninedtact.errors import FileFormatError
 from ninedtact_hardware.buildability import find_broken_rules
-from ninedtact_hardware.design import HardwareDesign, default_hardware_design, original_hardware_design
+from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 from ninedtact_hardware.design_file import hardware_design_to_toml, read_hardware_design
 
 OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))
@@ -20,9 +18,7 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "hardware", [default_hardware_design(OURS), original_hardware_design()], ids=["default", "original"]
-)
+@pytest.mark.parametrize("hardware", [HardwareDesign(OURS), original_hardware_design()], ids=["default", "original"])
 def test_hardware_comes_back_too(tmp_path: Path, hardware: HardwareDesign) -> None:
     path = written(tmp_path, hardware_design_to_toml(hardware))
     assert read_hardware_design(path, hardware.variant) == hardware
@@ -54,14 +50,3 @@ def test_the_example_of_the_docs_can_be_built(tmp_path: Path) -> None:
     design = read_hardware_design(written(tmp_path, page.split("```toml\n")[1].split("```")[0]), "default")
     assert (design.shell.wall_mm, design.sensor.gel.thickness_mm) == (2.4, 2.0)
     assert find_broken_rules(design) == []
-
-
-def test_a_design_may_come_through_a_pipe(tmp_path: Path) -> None:
-    """It is read once: a pipe has nothing to give a second time."""
-    pipe = tmp_path / "design.toml"
-    os.mkfifo(pipe)
-    writer = Thread(target=pipe.write_text, args=("[gel]\nthickness_mm = 2.0\n[hardware.shell]\nwall_mm = 2.4\n",))
-    writer.start()
-    found = read_hardware_design(pipe, "default")
-    writer.join()
-    assert (found.sensor.gel.thickness_mm, found.shell.wall_mm) == (2.0, 2.4)

@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 import ninedtact_hardware
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact_hardware.buildability import find_broken_rules
-from ninedtact_hardware.design import HardwareDesign, default_hardware_design, original_hardware_design
+from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 from ninedtact_hardware.led_board import (
     compute_operating_point,
     describe_redrawing,
@@ -33,7 +33,7 @@ from ninedtact_hardware.part_files import part_to_dxf
 from ninedtact_hardware.part_solids import build_bare_board
 from read_board_files import edge_of, hits_of, pads_of, shape_of, slots_of
 
-DESIGN = default_hardware_design()
+DESIGN = HardwareDesign()
 PROJECT = Path(ninedtact_hardware.__file__).parent / "led_board_project"
 GERBERS = PROJECT / "gerbers"
 BOARD = Board.open(PROJECT / "led_board.kicad_pcb")
@@ -207,7 +207,7 @@ def test_the_stored_board_fits_both_variants(design: HardwareDesign, tmp_path: P
 
 
 def test_a_board_that_does_not_fit_is_not_for_the_board_house(tmp_path: Path) -> None:
-    large = default_hardware_design(SensorDesign(sensing_area=SensingArea(36, 27)))
+    large = HardwareDesign(SensorDesign(sensing_area=SensingArea(36, 27)))
     files = written(large, tmp_path)
     assert set(files) == {"led_board_notes.txt", "led_board.kicad_pro", "led_board.kicad_pcb"}
     notes = files["led_board_notes.txt"].decode()

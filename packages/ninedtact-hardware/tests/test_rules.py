@@ -21,7 +21,6 @@ from ninedtact_hardware.clearances import list_clearances
 from ninedtact_hardware.design import (
     PART_TABLES,
     HardwareDesign,
-    default_hardware_design,
     distance_to_edge_mm,
     original_hardware_design,
 )
@@ -51,50 +50,39 @@ def names(design: HardwareDesign) -> set[str]:
     return {each.rule for each in find_broken_rules(design)}
 
 
-@pytest.mark.parametrize(
-    "design", [default_hardware_design(), original_hardware_design()], ids=lambda design: design.variant
-)
-def test_both_variants_keep_all_rules(design: HardwareDesign) -> None:
-    assert find_broken_rules(design) == []
-
-
 BREAKING = {
-    "wall_too_thin": replace(default_hardware_design(), shell=ShellDimensions(wall_mm=0.7)),
-    "led_touches_shell": replace(default_hardware_design(), board=LedBoardDimensions(thick_mm=1.6)),
-    "lens_does_not_see_the_corner": default_hardware_design(sensor(30, 22)),
-    "mould_too_thin_for_the_screws": default_hardware_design(sensor(gel=1.2)),
-    "pins_out_of_view": default_hardware_design(sensor(cols=15, rows=11)),
-    "pins_too_close": default_hardware_design(SensorDesign(pin_board=PinBoard(pitch_mm=1.5))),
-    "pin_too_short": default_hardware_design(SensorDesign(pin_board=PinBoard(3, 3, 5.0, 3.2))),
-    "screws_do_not_hold": replace(default_hardware_design(), moulds=MouldDimensions(base_mm=5.0)),
-    "gel_beyond_the_shell": replace(default_hardware_design(), gels=GelLayerDimensions(black_side_mm=2.0)),
-    "tray_does_not_pass": replace(
-        default_hardware_design(), pin_frame=CalibrationBoardDimensions(corner_radius_mm=8.0)
-    ),
+    "wall_too_thin": replace(HardwareDesign(), shell=ShellDimensions(wall_mm=0.7)),
+    "led_touches_shell": replace(HardwareDesign(), board=LedBoardDimensions(thick_mm=1.6)),
+    "lens_does_not_see_the_corner": HardwareDesign(sensor(30, 22)),
+    "mould_too_thin_for_the_screws": HardwareDesign(sensor(gel=1.2)),
+    "pins_out_of_view": HardwareDesign(sensor(cols=15, rows=11)),
+    "pins_too_close": HardwareDesign(SensorDesign(pin_board=PinBoard(pitch_mm=1.5))),
+    "pin_too_short": HardwareDesign(SensorDesign(pin_board=PinBoard(3, 3, 5.0, 3.2))),
+    "screws_do_not_hold": replace(HardwareDesign(), moulds=MouldDimensions(base_mm=5.0)),
+    "gel_beyond_the_shell": replace(HardwareDesign(), gels=GelLayerDimensions(black_side_mm=2.0)),
+    "tray_does_not_pass": replace(HardwareDesign(), pin_frame=CalibrationBoardDimensions(corner_radius_mm=8.0)),
     "parts_touch": replace(
-        default_hardware_design(),
+        HardwareDesign(),
         ring=LightIsolationRingDimensions(above_board_mm=0.0),
         base=BaseDimensions(pocket_wide_mm=8.0),
     ),
-    "bosses_collide": replace(default_hardware_design(), base=BaseDimensions(mount_inset_mm=(3.25, 3.0))),
-    "mount_in_pocket": replace(default_hardware_design(), base=BaseDimensions(mount_inset_mm=(9.0, 3.0))),
-    "mount_in_wall": replace(default_hardware_design(), base=BaseDimensions(mount_inset_mm=(5.75, 2.0))),
-    "pocket_in_ramp": replace(default_hardware_design(), base=BaseDimensions(pocket_back_mm=9.5)),
-    "ramp_too_short": replace(default_hardware_design(), base=BaseDimensions(ramp_foot_mm=1.0)),
-    "clamps_in_the_shell": replace(default_hardware_design(), moulds=MouldDimensions(beyond_mm=(8.0, 8.0))),
-    "ring_cuts_the_view": replace(
-        default_hardware_design(), window=WindowDimensions(22.0), shell=ShellDimensions(floor_mm=3.0)
-    ),
-    "clamps_beyond_the_plates": replace(default_hardware_design(), moulds=MouldDimensions(pairs_mm=(35.0, 8.0))),
-    "post_in_wall": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(1.0, 5.0))),
-    "post_in_pocket": replace(default_hardware_design(), board=LedBoardDimensions(locating_inset_mm=(10.0, 5.0))),
-    "ring_has_no_mouth": replace(default_hardware_design(), ring=LightIsolationRingDimensions(land_mm=1.0)),
-    "inserts_do_not_hold": replace(default_hardware_design(), fasteners=FastenerDimensions(insert_mm=(2.0, 5.09))),
-    "usb_slot": replace(default_hardware_design(), shell=ShellDimensions(slot_to_mm=4.0)),
-    "camera_too_far": default_hardware_design(SensorDesign(camera=CameraGeometry(distance_mm=500.0))),
-    "leds_too_bright": replace(default_hardware_design(), board=LedBoardDimensions(resistor_ohm=3_700.0)),
+    "bosses_collide": replace(HardwareDesign(), base=BaseDimensions(mount_inset_mm=(3.25, 3.0))),
+    "mount_in_pocket": replace(HardwareDesign(), base=BaseDimensions(mount_inset_mm=(9.0, 3.0))),
+    "mount_in_wall": replace(HardwareDesign(), base=BaseDimensions(mount_inset_mm=(5.75, 2.0))),
+    "pocket_in_ramp": replace(HardwareDesign(), base=BaseDimensions(pocket_back_mm=9.5)),
+    "ramp_too_short": replace(HardwareDesign(), base=BaseDimensions(ramp_foot_mm=1.0)),
+    "clamps_in_the_shell": replace(HardwareDesign(), moulds=MouldDimensions(beyond_mm=(8.0, 8.0))),
+    "ring_cuts_the_view": replace(HardwareDesign(), window=WindowDimensions(22.0), shell=ShellDimensions(floor_mm=3.0)),
+    "clamps_beyond_the_plates": replace(HardwareDesign(), moulds=MouldDimensions(pairs_mm=(35.0, 8.0))),
+    "post_in_wall": replace(HardwareDesign(), board=LedBoardDimensions(locating_inset_mm=(1.0, 5.0))),
+    "post_in_pocket": replace(HardwareDesign(), board=LedBoardDimensions(locating_inset_mm=(10.0, 5.0))),
+    "ring_has_no_mouth": replace(HardwareDesign(), ring=LightIsolationRingDimensions(land_mm=1.0)),
+    "inserts_do_not_hold": replace(HardwareDesign(), fasteners=FastenerDimensions(insert_mm=(2.0, 5.09))),
+    "usb_slot": replace(HardwareDesign(), shell=ShellDimensions(slot_to_mm=4.0)),
+    "camera_too_far": HardwareDesign(SensorDesign(camera=CameraGeometry(distance_mm=500.0))),
+    "leds_too_bright": replace(HardwareDesign(), board=LedBoardDimensions(resistor_ohm=3_700.0)),
     "window_cuts_the_view": replace(
-        default_hardware_design(),
+        HardwareDesign(),
         window=WindowDimensions(9.0, 5.0),
         shell=ShellDimensions(hole_mm=8.0),
         ring=LightIsolationRingDimensions(bore_mm=10.0),
@@ -113,8 +101,8 @@ def test_an_impossible_design_is_refused_by_its_rule(rule: str) -> None:
 @pytest.mark.parametrize(
     ("design", "part"),
     [
-        (replace(default_hardware_design(), base=BaseDimensions(channel_wide_mm=8.5)), "sensor_base"),
-        (replace(default_hardware_design(), shell=ShellDimensions(slot_chamfer_mm=0.2)), "sensor_shell"),
+        (replace(HardwareDesign(), base=BaseDimensions(channel_wide_mm=8.5)), "sensor_base"),
+        (replace(HardwareDesign(), shell=ShellDimensions(slot_chamfer_mm=0.2)), "sensor_shell"),
     ],
 )
 def test_a_fillet_that_does_not_fit_is_refused_with_its_part(design: HardwareDesign, part: str) -> None:
@@ -126,7 +114,7 @@ def test_a_fillet_that_does_not_fit_is_refused_with_its_part(design: HardwareDes
 def test_a_mould_keeps_all_its_holes(pairs_mm: tuple[float, float]) -> None:
     """Beyond the long side, through a rounded corner, and two holes at one place."""
     moulds = MouldDimensions(pairs_mm=pairs_mm)
-    assert names(replace(default_hardware_design(), moulds=moulds)) == {"clamps_beyond_the_plates"}
+    assert names(replace(HardwareDesign(), moulds=moulds)) == {"clamps_beyond_the_plates"}
 
 
 BORES, HEADS = "the shell outside its bores", "between counterbore, side of the base"
@@ -137,7 +125,7 @@ BORES, HEADS = "the shell outside its bores", "between counterbore, side of the 
 )
 def test_screws_stay_inside_thin_walls(wall_mm: float, corner_mm: float, thin: set[str]) -> None:
     """The axes of counterbores of 4.0 and bores of 2.85 lie 0.75 inside the cavity's walls."""
-    small = default_hardware_design(sensor(16, 12, cols=5, rows=3))
+    small = HardwareDesign(sensor(16, 12, cols=5, rows=3))
     shell = ShellDimensions(wall_mm=wall_mm, corner_radius_mm=corner_mm)
     broken = find_broken_rules(replace(small, base=BaseDimensions(corner_radius_mm=corner_mm), shell=shell))
     assert {each.rule for each in broken} == {"wall_too_thin"}
@@ -147,7 +135,7 @@ def test_screws_stay_inside_thin_walls(wall_mm: float, corner_mm: float, thin: s
 @pytest.mark.parametrize(("more_mm", "whole"), [(-0.01, 4), (0.01, 0)])
 def test_a_counterbore_meets_the_side_where_the_distance_says(more_mm: float, whole: int) -> None:
     """At a rounded corner, too."""
-    design = replace(default_hardware_design(), base=BaseDimensions(corner_radius_mm=4.0))
+    design = replace(HardwareDesign(), base=BaseDimensions(corner_radius_mm=4.0))
     plan = design.horizontal_dimensions
     wide = 2 * (distance_to_edge_mm(max(plan.shell_screws), plan.outer, 4.0) + more_mm)
     base = build_sensor_base(replace(design, base=replace(design.base, counterbore_mm=wide)))
@@ -158,10 +146,10 @@ def test_a_counterbore_meets_the_side_where_the_distance_says(more_mm: float, wh
 @pytest.mark.parametrize("floor_mm", [2.0, 1.4])
 def test_bores_do_not_open_into_the_gel_cavity(floor_mm: float) -> None:
     """Where the LED board needs more space than the gel, the wall goes on above the bores."""
-    wide, deepest = replace(default_hardware_design().shell, floor_mm=floor_mm), 6.3 + floor_mm - 0.8
+    wide, deepest = replace(HardwareDesign().shell, floor_mm=floor_mm), 6.3 + floor_mm - 0.8
     for deep_mm, area, thin in ((deepest, (24, 18), False), (deepest + 0.1, (24, 18), True), (8.0, (10, 10), False)):
         shell = replace(wide, bore_deep_mm=min(deep_mm, 8.0))
-        broken = find_broken_rules(replace(default_hardware_design(sensor(*area, cols=4, rows=3)), shell=shell))
+        broken = find_broken_rules(replace(HardwareDesign(sensor(*area, cols=4, rows=3)), shell=shell))
         assert any("the shell above its bores" in each.message for each in broken) == thin
 
 
@@ -175,7 +163,7 @@ def test_the_second_mould_rests_on_the_rim(
     """At its sides, and at the shell's rounded corners. The solids have the rim that the rule computes."""
     area = SensingArea(overlap_mm=overlap_mm)
     design = replace(
-        default_hardware_design(SensorDesign(sensing_area=area)),
+        HardwareDesign(SensorDesign(sensing_area=area)),
         shell=ShellDimensions(wall_mm=wall_mm, corner_radius_mm=corner_mm),
         base=BaseDimensions(corner_radius_mm=corner_mm),
         gels=GelLayerDimensions(rim_radius_mm=rim_mm),
@@ -192,14 +180,14 @@ def test_screw_heads_do_not_pass_their_holes() -> None:
     """0.4 mm of every head bears on the base, and on the base board while the gels are cured; both holes are 2.20 wide."""
     for head_mm, hole_mm, parts in ((3.0, 2.2, []), (3.0, 2.4, ["base of"]), (2.9, 2.2, ["base of", "base board of"])):
         fasteners, base = FastenerDimensions(head_mm=(head_mm, 0.85)), BaseDimensions(shell_screw_mm=hole_mm)
-        broken = find_broken_rules(replace(default_hardware_design(), fasteners=fasteners, base=base))
+        broken = find_broken_rules(replace(HardwareDesign(), fasteners=fasteners, base=base))
         assert [each.rule for each in broken] == ["screws_do_not_hold"] * len(parts)
         assert all(f"hole of the {part}" in each.message for part, each in zip(parts, broken, strict=True))
 
 
 def test_the_calibration_board_ends_above_the_plug() -> None:
     """The LEDs must be lit while the pins are pressed 1 mm into the skin."""
-    design = default_hardware_design()
+    design = HardwareDesign()
     plug_mm = design.heights.plate_top + design.shell.relief_tall_mm
     for less_mm, whole in ((0.01, True), (-0.01, False)):
         guided_mm = design.heights.rim - plug_mm - 1.0 - less_mm
@@ -208,28 +196,28 @@ def test_the_calibration_board_ends_above_the_plug() -> None:
 
 
 def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
-    wide = default_hardware_design(sensor(40, 30, cols=15, rows=11))
+    wide = HardwareDesign(sensor(40, 30, cols=15, rows=11))
     assert names(wide) == {"lens_does_not_see_the_corner"}
     camera = replace(wide.sensor.camera, distance_mm=required_camera_distance_mm(wide) + 0.05)
-    assert find_broken_rules(default_hardware_design(replace(wide.sensor, camera=camera))) == []
+    assert find_broken_rules(HardwareDesign(replace(wide.sensor, camera=camera))) == []
 
 
 def test_what_the_lens_reaches() -> None:
     """By hand: 0.35 of air, 2 of acrylic, 9.2 and 11.7 of silicone at 80° in air."""
-    design = default_hardware_design()
+    design = HardwareDesign()
     assert lens_view_radius_mm(design, design.heights.rim) == pytest.approx(12.7, abs=0.05)
     assert lens_view_radius_mm(design) == pytest.approx(15.2, abs=0.05)
 
 
 def test_the_view_between_lens_and_window() -> None:
     """Air only: 0.35 mm at 80° from the axis, nothing at the lens itself, and half halfway."""
-    design = default_hardware_design()
+    design = HardwareDesign()
     low, high = design.heights.lens_front, design.heights.floor_top
     radii = [lens_view_radius_mm(design, low + share * (high - low)) for share in (0.0, 0.5, 1.0)]
     assert radii == pytest.approx([0.0, 0.99, 1.985], abs=0.005)
 
 
-@pytest.mark.parametrize("variant", [default_hardware_design(), original_hardware_design()], ids=lambda it: it.variant)
+@pytest.mark.parametrize("variant", [HardwareDesign(), original_hardware_design()], ids=lambda it: it.variant)
 def test_a_receptacle_that_cannot_pass_the_wall_is_refused(variant: HardwareDesign) -> None:
     """The mouth stands 0.09 out over the cavity, and the notches let the board give way by 0.10."""
     for beyond_mm, slot_from_mm, rules in ((0.35, 1.55, set()), (0.36, 1.55, {"parts_touch"}), (0.8, 0.0, set())):
@@ -251,14 +239,12 @@ def test_a_receptacle_that_cannot_pass_the_wall_is_refused(variant: HardwareDesi
 )
 def test_a_dimension_out_of_its_range_is_refused(part: str, field: str, value: object) -> None:
     with pytest.raises(DesignImpossible, match=f"{part}.{field}"):
-        replace(
-            default_hardware_design(), **{part: replace(getattr(default_hardware_design(), part), **{field: value})}
-        )
+        replace(HardwareDesign(), **{part: replace(getattr(HardwareDesign(), part), **{field: value})})
 
 
 def test_a_camera_whose_lens_steps_down_is_refused() -> None:
     with pytest.raises(DesignImpossible, match="one above the other"):
-        replace(default_hardware_design(), camera=CameraDimensions(collar_mm=(8.0, 9.0)))
+        replace(HardwareDesign(), camera=CameraDimensions(collar_mm=(8.0, 9.0)))
 
 
 swept = st.builds(
@@ -274,7 +260,7 @@ swept = st.builds(
 @settings(max_examples=100, deadline=None)
 @given(swept, st.booleans())
 def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
-    hardware = change_design(default_hardware_design(design)) if far else default_hardware_design(design)
+    hardware = change_design(HardwareDesign(design)) if far else HardwareDesign(design)
     for broken in find_broken_rules(hardware):
         assert broken.rule and broken.message.startswith("expected") and "got" in broken.message
     if far:
@@ -285,19 +271,19 @@ def test_rules_answer_for_every_design(design: SensorDesign, far: bool) -> None:
 @example(25.4, 12.2, 2.2)
 def test_a_swept_area_is_given_all_the_pins_that_it_shows(width: float, height: float, pitch_mm: float) -> None:
     """Also one that ends just at its last pins, as 11 gaps of 2.2 mm and a pin of 1.2 mm do."""
-    basis = default_hardware_design(SensorDesign(pin_board=PinBoard(pitch_mm=pitch_mm)))
+    basis = HardwareDesign(SensorDesign(pin_board=PinBoard(pitch_mm=pitch_mm)))
     wider = change_design(basis, area_mm=(width, height))
     pins = wider.sensor.pin_board
     assert "pins_out_of_view" not in names(wider)
     for more in (replace(pins, cols=pins.cols + 1), replace(pins, rows=pins.rows + 1)):
-        assert "pins_out_of_view" in names(default_hardware_design(replace(wider.sensor, pin_board=more)))
+        assert "pins_out_of_view" in names(HardwareDesign(replace(wider.sensor, pin_board=more)))
 
 
 def ends_of_ranges() -> list[tuple[str, str, object]]:
     """Part, dimension and the end of its range; of several numbers, one after the other at its end."""
     found: list[tuple[str, str, object]] = []
     for name in PART_TABLES:
-        part = getattr(default_hardware_design(), name)
+        part = getattr(HardwareDesign(), name)
         hints = get_type_hints(type(part), include_extras=True)
         for field in fields(part):
             value, hint = getattr(part, field.name), hints[field.name]
@@ -314,7 +300,7 @@ def ends_of_ranges() -> list[tuple[str, str, object]]:
 def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str, str, object]) -> None:
     """Two of some two hundred in each run."""
     part, field, value = end
-    design = default_hardware_design()
+    design = HardwareDesign()
     try:
         sensor = BuildableDesign(replace(design, **{part: replace(getattr(design, part), **{field: value})}))
     except DesignImpossible as refused:
@@ -331,7 +317,7 @@ def test_a_dimension_at_the_end_of_its_range_is_built_or_refused(end: tuple[str,
 def test_any_size_is_a_valid_assembly(width: float, height: float, gel: float, cols: int, rows: int) -> None:
     pitch = min(2.5, (width - 1.2) / (cols - 1), (height - 1.2) / (rows - 1))
     design = replace(sensor(width, height, gel), pin_board=PinBoard(rows, cols, pitch))
-    far = change_design(default_hardware_design(design))
+    far = change_design(HardwareDesign(design))
     sensor_of_size = BuildableDesign(far)
     assert all(len(part.solid.solids()) == 1 and part.solid.is_valid for part in sensor_of_size.parts.values())
     assert sensor_of_size.interferences == []

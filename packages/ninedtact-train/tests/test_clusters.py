@@ -207,7 +207,7 @@ def test_explore_gives_the_same_table(cluster: LocalCluster, tmp_path: Path) -> 
     for name, options in (("one", ["--workers", "1"]), ("many", ["--cluster", cluster.address])):
         command = ["hardware", "explore", "--gel-mm", "2", "2.5", "--json", "--out", str(tmp_path / name), *options]
         assert main(command) == 0
-    assert (tmp_path / "one" / "explore.csv").read_bytes() == (tmp_path / "many" / "explore.csv").read_bytes()
+    assert (tmp_path / "one" / "explore.json").read_bytes() == (tmp_path / "many" / "explore.json").read_bytes()
 
 
 def test_errors_of_jobs_keep_their_class_and_sentence(cluster: LocalCluster) -> None:

@@ -20,7 +20,7 @@ from ninedtact.cli import main
 from ninedtact_train.workflows.force_model_from_simulation import RECIPES, ForceModelRecipe
 if __name__ == "__main__":
     RECIPES["small"] = ForceModelRecipe(
-        40, 1, 1, 20, 1, held_out="standard", pitch_mm=0.4, validation_pitch_mm=0.4
+        24, 1, 1, 20, 1, held_out="standard", pitch_mm=0.4, validation_pitch_mm=0.4
     )
     code = main(["model", "make", "--out", sys.argv[1], "--design", sys.argv[2], "--workers", "1", "--json"])
     (sensor,) = (Path(sys.argv[1]) / "validation_data" / "sensors").iterdir()

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -172,20 +171,6 @@ def test_images_of_a_guided_calibration_that_fails_are_kept(
     assert json.loads(capsys.readouterr().out)["ball"] is not None
 
 
-def test_images_are_kept_among_temporary_files_where_nothing_can_be_written_beside_the_sensor(
-    recording_without_ball: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    (tmp_path / "file").touch()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    out = tmp_path / "file" / "s"
-    assert main(["calibrate", "--out", str(out), "--source", str(recording_without_ball)]) == 1
-    assert f"the images are kept in {tmp_path / 's_images'};" in capsys.readouterr().err
-    assert len(list((tmp_path / "s_images").iterdir())) == 2
-
-
 def test_the_board_of_a_guided_calibration_that_ends_too_soon_is_kept(
     recording_without_ball: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -259,11 +244,6 @@ def test_swapped_images_are_named(real_data: Path, tmp_path: Path, capsys: pytes
     assert main(calibrate_options(images, tmp_path / "out", **swapped)) == 1
     assert "swapped" in refusal(capsys)
     assert (tmp_path / "out_board_not_found.png").stat().st_size > 1000
-
-
-def test_half_of_the_images_is_not_enough(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate", "--out", str(tmp_path / "s"), "--board", str(real_data / "sensor_a" / "board.png")]) == 1
-    assert "--board-reference as well" in refusal(capsys)
 
 
 def test_a_folder_that_may_not_be_written(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,8 +25,8 @@ from ninedtact.errors import InputError
 from ninedtact.force.contact_detection import detect_contact
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate
 from ninedtact.force.traction.estimator import _on_one_blas_thread
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.quantities import HeightSource, Rectified, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import RecordingMetadata
@@ -106,17 +106,7 @@ def test_every_example_of_the_public_names_runs_as_printed(
 
 def test_a_source_without_a_sensor_is_refused_unless_it_is_a_recording() -> None:
     with pytest.raises(InputError, match="expected --sensor with --source 0"):
-        ninedtact.open(source="0")
-
-
-def test_sim_is_a_source_like_any_other() -> None:
-    with ninedtact.source_for("sim") as camera:
-        assert camera.read().image.shape == (480, 640, 3)
-
-
-def test_without_force_there_is_no_wrench(physical_sensor: SensorFolder) -> None:
-    with ninedtact.open(physical_sensor, source="sim", force="none") as sensor:
-        assert sensor.read().wrench is None
+        ninedtact.open(source=0)
 
 
 def test_a_recording_opens_with_the_sensor_that_it_carries_and_serves_every_frame(recording: Path) -> None:
@@ -356,11 +346,6 @@ def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_read
         with ninedtact.open(sensor, source=path, force="none") as opened:
             warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in opened]
         assert (len(warned), sum(warned)) == (6, expected)
-
-
-def test_a_camera_may_be_named_by_its_number(tmp_path: Path) -> None:
-    folder = sensor_folder(tmp_path / "small")
-    assert ninedtact.open(folder, source=0, force="none").source.name == "camera 0"
 
 
 def test_an_opening_does_not_know_the_contact_of_the_one_before(physical_sensor: SensorFolder, tmp_path: Path) -> None:

@@ -92,7 +92,6 @@ def _sensor_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[
 
 
 def _cut_item(kind: BillItemKind, name: str, thick_mm: str, cm3: Mapping[str, float]) -> BillItem:
-    """Return a part that is cut from a sheet of acrylic."""
     price = CUT_USD + ACRYLIC_USD_PER_CM3 * cm3[name]
     return BillItem(kind, name, 1, f"clear acrylic, {thick_mm} mm, laser-cut", price)
 
@@ -111,14 +110,12 @@ def _describe_camera(design: HardwareDesign) -> str:
 
 
 def _connection_items() -> Iterator[BillItem]:
-    """Yield what connects one sensor to a computer and to its supply."""
     yield BillItem("connection", "light cable", 1, "micro-USB cable; any 5 V USB supply", 2.0)
     adapter = "from the camera's flat cable to USB (UVC), as its seller offers it"
     yield BillItem("connection", "camera adapter", 1, adapter, 5.0)
 
 
 def _tool_items(design: HardwareDesign, cm3: Mapping[str, float]) -> Iterator[BillItem]:
-    """Yield the tools that are needed once for many sensors."""
     for name, thick in (
         ("base_board", design.moulds.base_mm),
         ("first_mould", design.heights.first_mould),
@@ -174,13 +171,8 @@ def bill_to_html(design: HardwareDesign, items: Sequence[BillItem], drawn: Colle
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    pages = Environment(
-        loader=PackageLoader("ninedtact_hardware", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    loader = PackageLoader("ninedtact_hardware", ".")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     page = pages.get_template("bill_of_materials.html.jinja")
     return page.render(
         design=design, items=items, sections=BILL_SECTIONS, cost_usd=bill_items_cost_usd, drawn=drawn

@@ -17,28 +17,11 @@ from ninedtact_hardware.lens_view import lens_view_radius_mm, required_camera_di
 
 
 @dataclass(frozen=True)
-class BrokenRule:
-    """A rule that a design breaks."""
-
-    rule: str
-    """Name of the rule, such as `wall_too_thin`."""
-    message: str
-    """What was expected, what was found, and what to do."""
-
-
-class DesignNotBuildable(DesignImpossible):
-    """Raised for a design that cannot be built; `broken` holds every broken rule."""
-
-    def __init__(self, broken: Iterable[BrokenRule]) -> None:
-        self.broken = tuple(broken)
-        super().__init__("; also ".join(f"{each.message} (rule {each.rule})" for each in self.broken))
-
-
-@dataclass(frozen=True)
 class DesignRule:
     """A number of a design that has to lie between two limits."""
 
-    name: str
+    rule: str
+    """Name of the rule, such as `wall_too_thin`."""
     subject: str
     """What has these limits: a dimension by its name in the design file, or a description."""
     value: float
@@ -61,6 +44,14 @@ class DesignRule:
         return f"expected {self.subject} {limits} {self.unit}, got {found} {self.unit}; {self.remedy}"
 
 
+class DesignNotBuildable(DesignImpossible):
+    """Raised for a design that cannot be built; `broken` holds every broken rule."""
+
+    def __init__(self, broken: Iterable[DesignRule]) -> None:
+        self.broken = tuple(broken)
+        super().__init__("; also ".join(f"{each.message} (rule {each.rule})" for each in self.broken))
+
+
 ROUNDING = 1e-9
 MORE = 1e-6
 """Difference by which a value that has to be more than another is more."""
@@ -79,9 +70,9 @@ SLOT_BELOW_FLOOR_MM = 0.3
 """Least plastic between the USB slot and the shell's floor."""
 
 
-def find_broken_rules(design: HardwareDesign) -> list[BrokenRule]:
+def find_broken_rules(design: HardwareDesign) -> list[DesignRule]:
     """Return every rule that a design breaks; none if it can be built."""
-    return [BrokenRule(rule.name, rule.message) for rule in list_design_rules(design) if rule.is_broken]
+    return [rule for rule in list_design_rules(design) if rule.is_broken]
 
 
 def require_buildable_design(design: HardwareDesign) -> None:
@@ -92,8 +83,13 @@ def require_buildable_design(design: HardwareDesign) -> None:
 
 def list_design_rules(design: HardwareDesign) -> Iterator[DesignRule]:
     """Yield all rules of a design, kept and broken."""
-    yield from _wall_rules(design)
-    yield from _clearance_rules(design)
+    for name, thick in _wall_thicknesses(design):
+        yield DesignRule("wall_too_thin", name, thick, MIN_WALL_MM, remedy="make it thicker")
+    # Clearances that are merely tight are only reported by `hardware check`.
+    for each in list_clearances(design):
+        if each.impossible_below_mm is not None:
+            subject, remedy = f"clearance between {each.faces}", f"change {each.adjusted_by}"
+            yield DesignRule(each.rule, subject, each.clearance_mm, each.impossible_below_mm, remedy=remedy)
     yield from _boss_rules(design)
     yield from _slot_and_ring_rules(design)
     yield from _cable_ramp_rules(design)
@@ -106,14 +102,7 @@ def list_design_rules(design: HardwareDesign) -> Iterator[DesignRule]:
     yield DesignRule("leds_too_bright", "a current in each LED", led_ma, most=LED_LIMIT_MA, remedy=remedy, unit="mA")
 
 
-def _wall_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield the thickness of every wall, which must print and hold."""
-    for name, thick in _wall_thicknesses(design):
-        yield DesignRule("wall_too_thin", name, thick, MIN_WALL_MM, remedy="make it thicker")
-
-
 def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
-    """Yield name and thickness of every wall."""
     shell, base, plan = design.shell, design.base, design.horizontal_dimensions
     yield "shell.wall_mm", shell.wall_mm
     yield "shell.frame_wall_mm", shell.frame_wall_mm
@@ -134,14 +123,6 @@ def _wall_thicknesses(design: HardwareDesign) -> Iterator[tuple[str, float]]:
     yield "the ring's wall", (plan.ring_side - design.ring.bore_mm) / 2
     if shell.relief_deep_mm:
         yield "shell.relief_left_mm", shell.relief_left_mm
-
-
-def _clearance_rules(design: HardwareDesign) -> Iterator[DesignRule]:
-    """Yield the clearances below which no sensor can be built; tight ones are only reported by `hardware check`."""
-    for each in list_clearances(design):
-        if each.impossible_below_mm is not None:
-            subject, remedy = f"clearance between {each.faces}", f"change {each.adjusted_by}"
-            yield DesignRule(each.rule, subject, each.clearance_mm, each.impossible_below_mm, remedy=remedy)
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,6 @@ class BuildableDesign:
 
 
 def _format_interferences(sensor: BuildableDesign) -> Iterator[str]:
-    """Yield a line for each interference, and their number."""
     for pair in sensor.interferences:
         yield f"  INTERFERES: {pair.first} and {pair.second} overlap by {pair.overlap_mm3:.3f} mm³"
     meant = sum(pair.overlap_mm3 > 0 and pair.is_intended for pair in sensor.adjacent_bodies)
@@ -114,7 +113,6 @@ def _format_interferences(sensor: BuildableDesign) -> Iterator[str]:
 
 
 def _format_clearances(clearances: list[Clearance]) -> Iterator[str]:
-    """Yield the table of clearances."""
     yield "clearances in mm (required):"
     for clearance in clearances:
         tight = "   TIGHT" if clearance.is_tight else ""

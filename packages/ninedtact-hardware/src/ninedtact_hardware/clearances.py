@@ -31,11 +31,8 @@ def _lens_to_parts_below_mm(design: HardwareDesign) -> float:
 
 def _driver_to_boss_mm(design: HardwareDesign) -> float:
     """Return the distance from the LED driver to the nearest insert boss, beside it or below it."""
-    plan, levels, ((wide, deep, tall), (x, from_edge)) = (
-        design.horizontal_dimensions,
-        design.heights,
-        (design.board.driver_mm, design.board.driver_at_mm),
-    )
+    plan, levels = design.horizontal_dimensions, design.heights
+    (wide, deep, tall), (x, from_edge) = design.board.driver_mm, design.board.driver_at_mm
     y = plan.led_board[1] / 2 + from_edge
     beside = min(
         _rectangle_distance_mm(abs(boss_x - x) - wide / 2, abs(boss_y - y) - deep / 2)
@@ -81,11 +78,6 @@ def _rectangle_distance_mm(along_x: float, along_y: float) -> float:
     return max(along_x, along_y) if max(along_x, along_y) < 0 else hypot(max(along_x, 0.0), max(along_y, 0.0))
 
 
-def _board_play_mm(design: HardwareDesign) -> float:
-    """Return how far the LED board can be moved away from the slot while it is lowered into the shell."""
-    return min(design.board.gap_mm, design.board.notch_mm - design.shell.boss_mm / 2)
-
-
 def _mould_seat_mm(design: HardwareDesign) -> float:
     """Return the least width of the shell's rim outside the black gel, at its sides and at its rounded corners; negative where
     the gel ends beyond the rim."""
@@ -95,13 +87,6 @@ def _mould_seat_mm(design: HardwareDesign) -> float:
     # How far the centre of the gel's corner lies beyond that of the shell's corner, x and y.
     beyond = [outer - inner - side for side in sides]
     return min(*sides, outer - inner - hypot(*beyond)) if min(beyond) > 0 else min(sides)
-
-
-def _plug_stop_distance_mm(design: HardwareDesign) -> float:
-    """Return how far the receptacle's mouth lies behind the face that stops the plug's overmould."""
-    return (
-        design.horizontal_dimensions.outer[1] / 2 - design.shell.relief_deep_mm - design.horizontal_dimensions.usb_mouth
-    )
 
 
 BASE, SHELL, RING, WINDOW, TRAY = (
@@ -163,224 +148,107 @@ def fits_of_part(design: HardwareDesign, part: str) -> list[Clearance]:
 
 
 def _led_board_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Yield the clearances of the LED board in the shell and on the base."""
     board, shell, base, levels = design.board, design.shell, design.base, design.heights
+    plate, notch, pin = levels.plate_top, board.notch_mm - shell.boss_mm / 2, (board.locating_mm - base.pin_mm) / 2
     yield Clearance("LED board, shell cavity", "board.gap_mm", board.gap_mm, 0.15, SHELL)
-    yield Clearance(
-        "notch of the LED board, screw boss of the shell",
-        "board.notch_mm or shell.boss_mm",
-        board.notch_mm - shell.boss_mm / 2,
-        0.05,
-        SHELL,
-    )
-    yield Clearance(
-        "LED board, rounded ceiling of the shell",
-        "board.gap_mm, shell.fillet_mm or shell.led_cavity_mm",
-        _board_to_ceiling_mm(design),
-        0.05,
-        (*SHELL, *BASE),
-    )
-    yield Clearance(
-        "hole of the LED board, locating pin",
-        "board.locating_mm or base.pin_mm",
-        (board.locating_mm - base.pin_mm) / 2,
-        0.02,
-        BASE,
-    )
-    under_floor = levels.ceiling - levels.led_top
-    yield Clearance(
-        "LED top, underside of the shell's floor",
-        "board.thick_mm, base.post_tall_mm or shell.led_cavity_mm",
-        under_floor,
-        0.1,
-        (*SHELL, *BASE),
-        rule="led_touches_shell",
-    )
-    yield Clearance(
-        "insert boss of the base, LED board",
-        "base.boss_tall_mm or base.post_tall_mm",
-        levels.board_bottom - levels.boss_top,
-        0.5,
-    )
-    yield Clearance(
-        "insert boss of the base, LED driver",
-        "base.mount_inset_mm, base.boss_tall_mm or board.driver_at_mm",
-        _driver_to_boss_mm(design),
-        0.1,
-    )
-    yield Clearance("micro-USB receptacle, base plate", "base.post_tall_mm", levels.usb_bottom - levels.plate_top, 0.3)
+    faces, changed = "notch of the LED board, screw boss of the shell", "board.notch_mm or shell.boss_mm"
+    yield Clearance(faces, changed, notch, 0.05, SHELL)
+    changed, ceiling = "board.gap_mm, shell.fillet_mm or shell.led_cavity_mm", _board_to_ceiling_mm(design)
+    yield Clearance("LED board, rounded ceiling of the shell", changed, ceiling, 0.05, SHELL + BASE)
+    yield Clearance("hole of the LED board, locating pin", "board.locating_mm or base.pin_mm", pin, 0.02, BASE)
+    changed, floor = "board.thick_mm, base.post_tall_mm or shell.led_cavity_mm", levels.ceiling - levels.led_top
+    touches = "led_touches_shell"
+    yield Clearance("LED top, underside of the shell's floor", changed, floor, 0.1, SHELL + BASE, rule=touches)
+    changed, boss = "base.boss_tall_mm or base.post_tall_mm", levels.board_bottom - levels.boss_top
+    yield Clearance("insert boss of the base, LED board", changed, boss, 0.5)
+    changed, boss = "base.mount_inset_mm, base.boss_tall_mm or board.driver_at_mm", _driver_to_boss_mm(design)
+    yield Clearance("insert boss of the base, LED driver", changed, boss, 0.1)
+    yield Clearance("micro-USB receptacle, base plate", "base.post_tall_mm", levels.usb_bottom - plate, 0.3)
     driver_bottom = levels.board_bottom - board.driver_mm[2]
-    yield Clearance("LED driver, base plate", "base.post_tall_mm", driver_bottom - levels.plate_top, 0.3)
+    yield Clearance("LED driver, base plate", "base.post_tall_mm", driver_bottom - plate, 0.3)
     yield Clearance("LED, isolation ring", "board.led_inset_mm or shell.hole_mm", _led_to_ring_mm(design), 0.1)
     yield Clearance("LED, side of the shell's lower cavity", "board.led_inset_mm", _led_to_cavity_wall_mm(design), 0.1)
 
 
 def _window_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Yield the clearances of window and isolation ring in the shell."""
-    shell, ring, plan, levels = design.shell, design.ring, design.horizontal_dimensions, design.heights
-    yield Clearance("isolation ring, window hole of the shell", "ring.gap_mm", ring.gap_mm, 0.03, (*RING, *SHELL))
+    shell, ring, levels = design.shell, design.ring, design.heights
+    yield Clearance("isolation ring, window hole of the shell", "ring.gap_mm", ring.gap_mm, 0.03, RING + SHELL)
     yield Clearance("isolation ring, LED board", "ring.above_board_mm", ring.above_board_mm, 0.0, RING)
-    yield Clearance("window, frame of the shell", "shell.frame_gap_mm", shell.frame_gap_mm, 0.05, (*WINDOW, *SHELL))
-    yield Clearance(
-        "window ledge of the shell", "window.side_mm or shell.hole_mm", (design.window.side_mm - shell.hole_mm) / 2, 0.5
-    )
-    yield Clearance(
-        "window, gel below the skin", "camera.distance_mm or gel.thickness_mm", levels.rim - levels.window_top, 1.0
-    )
-    mouth, reach = plan.ring_side / 2 - ring.land_mm, lens_view_radius_mm(design, levels.floor_top)
-    yield Clearance(
-        "cone of view, mouth of the isolation ring",
-        "shell.hole_mm, shell.floor_mm or shell.led_cavity_mm",
-        mouth - reach,
-        0.0,
-        rule="ring_cuts_the_view",
-    )
-    yield Clearance(
-        "lens front, window", "shell.led_cavity_mm or shell.floor_mm", levels.floor_top - levels.lens_front, 0.1
-    )
+    yield Clearance("window, frame of the shell", "shell.frame_gap_mm", shell.frame_gap_mm, 0.05, WINDOW + SHELL)
+    ledge, gel = (design.window.side_mm - shell.hole_mm) / 2, levels.rim - levels.window_top
+    yield Clearance("window ledge of the shell", "window.side_mm or shell.hole_mm", ledge, 0.5)
+    yield Clearance("window, gel below the skin", "camera.distance_mm or gel.thickness_mm", gel, 1.0)
+    mouth = design.horizontal_dimensions.ring_side / 2 - ring.land_mm
+    spare, changed = mouth - lens_view_radius_mm(design, levels.floor_top), "shell.floor_mm or shell.led_cavity_mm"
+    faces = "cone of view, mouth of the isolation ring"
+    yield Clearance(faces, f"shell.hole_mm, {changed}", spare, 0.0, rule="ring_cuts_the_view")
+    lens = levels.floor_top - levels.lens_front
+    yield Clearance("lens front, window", "shell.led_cavity_mm or shell.floor_mm", lens, 0.1)
 
 
 def _camera_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Yield the clearances of the camera in base, LED board and ring."""
     camera, base, levels = design.camera, design.base, design.heights
-    yield Clearance(
-        "lens, parts below the LED board",
-        "board.driver_at_mm or board.usb_beyond_mm",
-        _lens_to_parts_below_mm(design),
-        0.3,
-    )
-    yield Clearance(
-        "camera body, LED board", "base.post_tall_mm", levels.board_bottom - (base.floor_mm + camera.tall_mm), 0.3
-    )
-    yield Clearance(
-        "lens head, hole of the LED board",
-        "board.lens_hole_mm",
-        (design.board.lens_hole_mm - _lens_diameter_mm(design, levels.board_bottom)) / 2,
-        0.1,
-    )
-    yield Clearance(
-        "lens head, bore of the ring",
-        "ring.bore_mm",
-        (design.ring.bore_mm - _lens_diameter_mm(design, levels.ring_bottom)) / 2,
-        0.05,
-        RING,
-    )
-    yield Clearance(
-        "camera body, pocket of the base", "base.pocket_wide_mm", (base.pocket_wide_mm - camera.side_mm) / 2, 0.1, BASE
-    )
-    yield Clearance(
-        "camera body, wall of the pocket at +y",
-        "base.pocket_front_mm",
-        base.pocket_front_mm - camera.side_mm / 2,
-        0.1,
-        BASE,
-    )
-    behind = base.pocket_back_mm - camera.stiffener_mm
-    yield Clearance(
-        "camera stiffener, shoulder of the pocket", "base.pocket_back_mm", behind, 0.1, BASE, STIFFENER_INTERFERENCE_MM
-    )
-    yield Clearance(
-        "flat cable, channel", "base.channel_wide_mm", (base.channel_wide_mm - camera.cable_mm[0]) / 2, 0.15, BASE
-    )
-    yield Clearance(
-        "flat cable, gap under the shell's rim", "base.ramp_gap_mm", base.ramp_gap_mm - camera.cable_mm[1], 0.0
-    )
+    beside, below = _lens_to_parts_below_mm(design), levels.board_bottom - (base.floor_mm + camera.tall_mm)
+    yield Clearance("lens, parts below the LED board", "board.driver_at_mm or board.usb_beyond_mm", beside, 0.3)
+    yield Clearance("camera body, LED board", "base.post_tall_mm", below, 0.3)
+    hole = (design.board.lens_hole_mm - _lens_diameter_mm(design, levels.board_bottom)) / 2
+    yield Clearance("lens head, hole of the LED board", "board.lens_hole_mm", hole, 0.1)
+    bore = (design.ring.bore_mm - _lens_diameter_mm(design, levels.ring_bottom)) / 2
+    yield Clearance("lens head, bore of the ring", "ring.bore_mm", bore, 0.05, RING)
+    pocket, front = (base.pocket_wide_mm - camera.side_mm) / 2, base.pocket_front_mm - camera.side_mm / 2
+    yield Clearance("camera body, pocket of the base", "base.pocket_wide_mm", pocket, 0.1, BASE)
+    yield Clearance("camera body, wall of the pocket at +y", "base.pocket_front_mm", front, 0.1, BASE)
+    faces, behind = "camera stiffener, shoulder of the pocket", base.pocket_back_mm - camera.stiffener_mm
+    yield Clearance(faces, "base.pocket_back_mm", behind, 0.1, BASE, STIFFENER_INTERFERENCE_MM)
+    channel, gap = (base.channel_wide_mm - camera.cable_mm[0]) / 2, base.ramp_gap_mm - camera.cable_mm[1]
+    yield Clearance("flat cable, channel", "base.channel_wide_mm", channel, 0.15, BASE)
+    yield Clearance("flat cable, gap under the shell's rim", "base.ramp_gap_mm", gap, 0.0)
 
 
 def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Yield the clearances of screws and inserts."""
-    base, fasteners, plan = design.base, design.fasteners, design.horizontal_dimensions
-    head, tall = fasteners.head_mm
-    yield Clearance(
-        "screw shank, hole of the base", "base.shell_screw_mm", (base.shell_screw_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
-    )
-    yield Clearance(
-        "bolt of the robot, hole of the base", "base.bolt_mm", (base.bolt_mm - M2_DIAMETER_MM) / 2, 0.1, BASE
-    )
+    base, plan = design.base, design.horizontal_dimensions
+    (head, tall), (_, insert) = design.fasteners.head_mm, design.fasteners.insert_mm
+    shank, bolt = (base.shell_screw_mm - M2_DIAMETER_MM) / 2, (base.bolt_mm - M2_DIAMETER_MM) / 2
+    yield Clearance("screw shank, hole of the base", "base.shell_screw_mm", shank, 0.1, BASE)
+    yield Clearance("bolt of the robot, hole of the base", "base.bolt_mm", bolt, 0.1, BASE)
     yield Clearance("screw head, counterbore", "base.counterbore_mm", (base.counterbore_mm - head) / 2, 0.05, BASE)
-    rim_mm = distance_to_edge_mm(max(plan.shell_screws), plan.outer, base.corner_radius_mm) - base.counterbore_mm / 2
-    yield Clearance(
-        "counterbore, side of the base",
-        "shell.wall_mm, shell.boss_inset_mm, base.counterbore_mm or base.corner_radius_mm",
-        rim_mm,
-        MIN_RIM_MM,
-        BASE,
-        MIN_RIM_MM,
-        "wall_too_thin",
-    )
-    yield Clearance(
-        "screw head below the base's face", "base.counterbore_deep_mm", base.counterbore_deep_mm - tall, 0.0
-    )
-    for part, name, hole_mm in (
-        ("base", "base.shell_screw_mm", base.shell_screw_mm),
-        ("base board", "moulds.shell_screw_mm", design.moulds.shell_screw_mm),
+    rim = distance_to_edge_mm(max(plan.shell_screws), plan.outer, base.corner_radius_mm) - base.counterbore_mm / 2
+    changed = "shell.wall_mm, shell.boss_inset_mm, base.counterbore_mm or base.corner_radius_mm"
+    yield Clearance("counterbore, side of the base", changed, rim, MIN_RIM_MM, BASE, MIN_RIM_MM, rule="wall_too_thin")
+    below = base.counterbore_deep_mm - tall
+    yield Clearance("screw head below the base's face", "base.counterbore_deep_mm", below, 0.0)
+    for part, table, hole in (
+        ("base", "base", base.shell_screw_mm),
+        ("base board", "moulds", design.moulds.shell_screw_mm),
     ):
-        yield Clearance(
-            f"edge of the screw head, hole of the {part}",
-            f"fasteners.head_mm or {name}",
-            (head - hole_mm) / 2,
-            MIN_RIM_MM,
-            impossible_below_mm=MIN_RIM_MM,
-            rule="screws_do_not_hold",
-        )
-    base_bore = base.plate_mm + base.boss_tall_mm - base.floor_mm
-    yield Clearance(
-        "insert, floor of the base's bore",
-        "base.boss_tall_mm or base.floor_mm",
-        base_bore - fasteners.insert_mm[1],
-        0.2,
-        BASE,
-    )
-    yield Clearance(
-        "insert, floor of the shell's bore",
-        "shell.bore_deep_mm",
-        design.shell.bore_deep_mm - fasteners.insert_mm[1],
-        0.2,
-        SHELL,
-    )
+        faces, changed = f"edge of the screw head, hole of the {part}", f"fasteners.head_mm or {table}.shell_screw_mm"
+        edge, rule = (head - hole) / 2, "screws_do_not_hold"
+        yield Clearance(faces, changed, edge, MIN_RIM_MM, impossible_below_mm=MIN_RIM_MM, rule=rule)
+    above, changed = base.plate_mm + base.boss_tall_mm - base.floor_mm - insert, "base.boss_tall_mm or base.floor_mm"
+    yield Clearance("insert, floor of the base's bore", changed, above, 0.2, BASE)
+    above = design.shell.bore_deep_mm - insert
+    yield Clearance("insert, floor of the shell's bore", "shell.bore_deep_mm", above, 0.2, SHELL)
 
 
 def _outer_clearances(design: HardwareDesign) -> Iterator[Clearance]:
     """Yield the clearances of what lies on the sensor's rim, slides over it or is plugged into it."""
-    slot_bottom = design.heights.plate_top + design.shell.slot_from_mm
-    yield Clearance(
-        "black gel and second mould, outer edge of the shell's rim",
-        "shell.wall_mm, shell.corner_radius_mm, sensing_area.overlap_mm or gels.black_side_mm",
-        _mould_seat_mm(design),
-        MIN_MOULD_SEAT_MM,
-        impossible_below_mm=MIN_MOULD_SEAT_MM,
-        rule="gel_beyond_the_shell",
-    )
-    yield Clearance("calibration board, shell", "pin_frame.gap_mm", design.pin_frame.gap_mm, 0.1, (*TRAY, *SHELL))
-    plug_top = design.heights.plate_top + design.shell.relief_tall_mm
-    yield Clearance(
-        "calibration board on the skin, plug's overmould below it",
-        "pin_frame.guided_mm, camera.distance_mm or gel.thickness_mm",
-        design.heights.rim - design.pin_frame.guided_mm - plug_top,
-        BOARD_PRESS_MM,
-        impossible_below_mm=BOARD_PRESS_MM,
-        rule="tray_does_not_pass",
-    )
-    yield Clearance(
-        "micro-USB receptacle, slot of the shell",
-        "shell.slot_from_mm",
-        design.heights.usb_bottom - slot_bottom,
-        0.0,
-        SHELL,
-    )
-    if design.shell.slot_from_mm > 0:
-        yield Clearance(
-            "micro-USB receptacle, wall below its slot while the board is lowered",
-            "board.usb_beyond_mm, board.gap_mm or board.notch_mm",
-            _board_play_mm(design) - (design.board.usb_beyond_mm - design.board.gap_mm),
-            0.0,
-            SHELL,
-        )
-    spare, forgiven = PLUG_TOLERANCE_MM - _plug_stop_distance_mm(design), None if design.variant == "original" else 0.0
-    yield Clearance(
-        "plug's overmould, mouth of the receptacle",
-        "shell.relief_left_mm, shell.relief_wide_mm or board.usb_beyond_mm",
-        spare,
-        0.0,
-        impossible_below_mm=forgiven,
-    )
+    board, shell, levels, plan = design.board, design.shell, design.heights, design.horizontal_dimensions
+    faces, least = "black gel and second mould, outer edge of the shell's rim", MIN_MOULD_SEAT_MM
+    changed = "shell.wall_mm, shell.corner_radius_mm, sensing_area.overlap_mm or gels.black_side_mm"
+    yield Clearance(faces, changed, _mould_seat_mm(design), least, (), least, "gel_beyond_the_shell")
+    yield Clearance("calibration board, shell", "pin_frame.gap_mm", design.pin_frame.gap_mm, 0.1, TRAY + SHELL)
+    faces, least = "calibration board on the skin, plug's overmould below it", BOARD_PRESS_MM
+    above = levels.rim - design.pin_frame.guided_mm - (levels.plate_top + shell.relief_tall_mm)
+    changed = "pin_frame.guided_mm, camera.distance_mm or gel.thickness_mm"
+    yield Clearance(faces, changed, above, least, (), least, "tray_does_not_pass")
+    slot = levels.usb_bottom - (levels.plate_top + shell.slot_from_mm)
+    yield Clearance("micro-USB receptacle, slot of the shell", "shell.slot_from_mm", slot, 0.0, SHELL)
+    if shell.slot_from_mm > 0:
+        faces = "micro-USB receptacle, wall below its slot while the board is lowered"
+        play = min(board.gap_mm, board.notch_mm - shell.boss_mm / 2) - (board.usb_beyond_mm - board.gap_mm)
+        yield Clearance(faces, "board.usb_beyond_mm, board.gap_mm or board.notch_mm", play, 0.0, SHELL)
+    stop_mm = plan.outer[1] / 2 - shell.relief_deep_mm - plan.usb_mouth
+    changed = "shell.relief_left_mm, shell.relief_wide_mm or board.usb_beyond_mm"
+    possible = None if design.variant == "original" else 0.0
+    faces, spare = "plug's overmould, mouth of the receptacle", PLUG_TOLERANCE_MM - stop_mm
+    yield Clearance(faces, changed, spare, 0.0, impossible_below_mm=possible)

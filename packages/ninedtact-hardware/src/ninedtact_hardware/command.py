@@ -1,6 +1,7 @@
 """ninedtact hardware: files to make the parts, bill of materials, checks, comparison of designs, and how to build the
 sensor."""
 
+import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -19,7 +20,6 @@ from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
 if TYPE_CHECKING:
     from ninedtact_hardware.bill_of_materials import BillItem
-    from ninedtact_hardware.buildability import BrokenRule
     from ninedtact_hardware.buildable_design import BuildableDesign
     from ninedtact_hardware.design import HardwareDesign
     from ninedtact_hardware.design_comparison import ExploredDesign
@@ -50,7 +50,6 @@ class DesignOptions:
 
 
 def _require_build123d() -> None:
-    """Refuse where build123d is missing; raises `MissingLibraryError`."""
     if find_spec("build123d") is None:
         raise MissingLibraryError(
             expected="build123d, which models the parts", got="none", remedy=f"run {installation_command('hardware')}"
@@ -107,12 +106,12 @@ class CheckHardwareCommand:
 
     def run(self) -> int:
         """Check the rules; build and measure a design that keeps them."""
-        from ninedtact_hardware.buildability import BrokenRule, find_broken_rules
+        from ninedtact_hardware.buildability import find_broken_rules
 
         # Read once: a pipe has nothing to give a second time.
         design = self.design_options.read_hardware()
         if broken := find_broken_rules(design):
-            return self._refuse(broken)
+            return self._refuse([(each.rule, each.message) for each in broken])
         _require_build123d()
         from ninedtact.design import DesignImpossible
         from ninedtact_hardware.buildable_design import BuildableDesign
@@ -121,20 +120,16 @@ class CheckHardwareCommand:
             sensor = BuildableDesign(design)
             table = {"broken": [], **sensor.to_json_dict()}
         except DesignImpossible as refused:
-            return self._refuse([BrokenRule("part_not_modelled", str(refused))])
+            return self._refuse([("part_not_modelled", str(refused))])
         print_result(self.json, table, sensor.check_report_lines())
         return 1 if table["interferences"] or table["led_board_differences"] else 0
 
-    def _refuse(self, broken: "list[BrokenRule]") -> int:
-        """Print the broken rules and return the exit code."""
-        print_result(self.json, {"broken": [asdict(each) for each in broken]}, _format_broken_rules(broken))
+    def _refuse(self, broken: list[tuple[str, str]]) -> int:
+        table = {"broken": [{"rule": rule, "message": message} for rule, message in broken]}
+        count = "1 rule" if len(broken) == 1 else f"{len(broken)} rules"
+        lines = [f"{count} broken; nothing was built:", *(f"  {rule}: {message}" for rule, message in broken)]
+        print_result(self.json, table, lines)
         return 1
-
-
-def _format_broken_rules(broken: "list[BrokenRule]") -> Iterator[str]:
-    """Yield the broken rules as lines of text."""
-    yield f"{'1 rule' if len(broken) == 1 else f'{len(broken)} rules'} broken; nothing was built:"
-    yield from (f"  {each.rule}: {each.message}" for each in broken)
 
 
 @dataclass(frozen=True)
@@ -154,7 +149,7 @@ class ExploreDesignsCommand:
     workers: WorkersOption = 1
     cluster: ClusterOption = None
     out: Path | None = None
-    """Folder for explore.csv, explore.png and a design file of every design. Those of an earlier comparison there are removed,
+    """Folder for explore.json, explore.png and a design file of every design. Those of an earlier comparison there are removed,
     other files stay."""
     json: JsonOption = False
 
@@ -173,21 +168,22 @@ class ExploreDesignsCommand:
             self.out.mkdir(parents=True, exist_ok=True)
         with connect_workers(self.workers, self.cluster) as workers:
             explored = explore_designs(candidates, self.calibrated, workers)
-            found = list(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
+            done = dict(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
+        found = [done[number] for number in range(len(candidates))]
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
         return print_result(self.json, table, format_design_comparison(found))
 
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
-        """Write table, plot and design files if a folder was given."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact_hardware.design_comparison import design_comparison_to_csv, plot_design_comparison
+        from ninedtact_hardware.design_comparison import plot_design_comparison
         from ninedtact_hardware.design_file import hardware_design_to_toml
 
         if self.out is None:
             return []
         designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.prediction}
         contents = {name: hardware_design_to_toml(design).encode() for name, design in designs.items()}
-        contents |= {"explore.csv": design_comparison_to_csv(found), "explore.png": plot_design_comparison(found)}
+        table = {"designs": [each.to_json_dict() for each in found]}
+        contents |= {"explore.json": json.dumps(table, indent=2).encode(), "explore.png": plot_design_comparison(found)}
         for name, content in contents.items():
             write_file_atomically(self.out / name, content)
         for stale in self.out.glob("design_[0-9][0-9]*.toml"):
@@ -232,7 +228,6 @@ def format_fabrication_warnings(manifest: dict[str, Any]) -> Iterator[str]:
 
 
 def _format_export_report(out: Path, manifest: dict[str, Any], seconds: float) -> Iterator[str]:
-    """Yield the contents of the folder as lines of text."""
     yield f"{len(manifest['files'])} files of the {manifest['variant']} design in {out}, in {seconds:.0f} s"
     for folder, use in (
         ("printed", "STL and STEP for the print shop"),

@@ -1,9 +1,7 @@
-"""Comparison of the designs of a sweep by their predicted performance, as a text table, as CSV and as a plot."""
+"""Comparison of the designs of a sweep by their predicted performance, as a text table and as a plot."""
 
-import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from io import StringIO
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
@@ -66,18 +64,12 @@ class ExploredDesign:
 
 def explore_designs(
     candidates: Sequence[tuple[HardwareDesign, float | None]], calibrated: bool = False, workers: Workers = 1
-) -> Iterator[ExploredDesign]:
-    """Yield the designs with their predictions, in the order of the candidates.
+) -> Iterator[tuple[int, ExploredDesign]]:
+    """Yield the number of every candidate and the design with its predictions, in the order in which they are done.
 
     calibrated: whether the twin of each is calibrated and read as well. workers: number of processes, or a cluster.
     """
-    early: dict[int, ExploredDesign] = {}
-    expected = 0
-    for number, found in run_jobs(_explore_design, [(*candidate, calibrated) for candidate in candidates], workers):
-        early[number] = found
-        while expected in early:
-            yield early.pop(expected)
-            expected += 1
+    return run_jobs(_explore_design, [(*candidate, calibrated) for candidate in candidates], workers)
 
 
 def _explore_design(design: HardwareDesign, shore_a: float | None, calibrated: bool) -> ExploredDesign:
@@ -116,7 +108,6 @@ NAME_WIDE = 34
 
 
 def _columns_of(found: Sequence[ExploredDesign]) -> tuple[tuple[str, str, str], ...]:
-    """Return the columns for which any of the designs has a value."""
     calibrated = any(each.calibration_errors for each in found)
     return PREDICTION_COLUMNS + CALIBRATION_COLUMNS if calibrated else PREDICTION_COLUMNS
 
@@ -135,7 +126,6 @@ def format_design_comparison(found: Sequence[ExploredDesign]) -> Iterator[str]:
 
 
 def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
-    """Return the values of one design in columns."""
     assert each.prediction is not None
     table = each.to_json_dict()
     values = "".join(f"{_format_number(table[name]) if name in table else '-':>9}" for name in names)
@@ -143,26 +133,7 @@ def _format_design_values(each: ExploredDesign, names: Sequence[str]) -> str:
 
 
 def _format_number(value: float) -> str:
-    """Return a number with three digits."""
     return f"{value:.3f}" if value < 1 else f"{value:.2f}" if value < 10 else f"{value:.1f}"
-
-
-def design_comparison_to_csv(found: Sequence[ExploredDesign]) -> bytes:
-    """Return all fields of all designs as CSV."""
-    rows = [_flatten_row(each.to_json_dict()) for each in found]
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    text = StringIO()
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()
-
-
-def _flatten_row(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return one number a column: size_mm of three becomes size_mm_1, size_mm_2, size_mm_3."""
-    several = {name: value for name, value in row.items() if isinstance(value, tuple | list)}
-    split = {f"{name}_{number}": one for name, value in several.items() for number, one in enumerate(value, 1)}
-    return {name: value for name, value in row.items() if name not in several} | split
 
 
 def plot_design_comparison(found: Sequence[ExploredDesign]) -> bytes:
@@ -184,7 +155,6 @@ def plot_design_comparison(found: Sequence[ExploredDesign]) -> bytes:
 
 
 def _draw_bars(axes: "Axes", names: list[str], values: list[float], title: str) -> None:
-    """Draw the bars of one quantity."""
     drawn = axes.barh(names, values, color="#4477aa", height=0.62)
     labels = [_format_number(value) if value else "not calibrated" for value in values]
     axes.bar_label(drawn, labels, padding=3, fontsize=8, color="#333333")

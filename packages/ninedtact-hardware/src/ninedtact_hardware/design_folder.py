@@ -61,39 +61,25 @@ shell is white, to spread light. Fits are clearances on each side as drawn: try 
 """
 
 
-def _sheet_thickness_mm(part: BuiltPart) -> float:
-    """Return the thickness of the sheet from which a flat part is cut."""
-    return part.size_mm[2]
-
-
 def format_shop_notes(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
     """Yield path and content of the instructions for the shops that cut and print the parts."""
-    for method, format_part, instructions in (
-        ("cut", _format_cut_part, CUTTING_INSTRUCTIONS),
-        ("printed", _format_printed_part, PRINTING_INSTRUCTIONS),
-    ):
-        lines = [line for part in sensor.parts.values() if part.method == method for line in format_part(sensor, part)]
+    for method, instructions in (("cut", CUTTING_INSTRUCTIONS), ("printed", PRINTING_INSTRUCTIONS)):
+        parts = [part for part in sensor.parts.values() if part.method == method]
+        lines = [line for part in parts for line in _part_lines(sensor, part)]
         text = "\n".join([f"Tolerance {TOLERANCES[method]}.", "", *lines, "", instructions])
         yield f"{method}/README.txt", text.encode()
 
 
-def _format_cut_part(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
-    """Yield the line of one plate."""
-    shelf = "" if round(_sheet_thickness_mm(part), 3) in STOCK_THICKNESSES_MM else "; not on every shelf: measure"
-    material = MATERIAL_OF_PART[part.name].name
-    yield f"{part.name}: {_sheet_thickness_mm(part):.2f} mm, {_part_count(sensor, part)} x, {material}{shelf}"
-
-
-def _format_printed_part(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
-    """Yield the line of one printed part, and what has to fit it."""
-    made, cm3 = MATERIAL_OF_PART[part.name].name, part.volume_mm3 / 1000
-    yield f"{part.name}: {made}, {_part_count(sensor, part)} x, {cm3:.2f} cm³"
-    yield from (f"    {fit.clearance_mm:.3f}  {fit.faces}" for fit in fits_of_part(sensor.design, part.name))
-
-
-def _part_count(sensor: BuildableDesign, part: BuiltPart) -> int:
-    """Return how many of a part the bill of materials has."""
-    return next(item.count for item in sensor.bill if item.name == part.name)
+def _part_lines(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
+    """Yield the line of a part, and of a printed one what has to fit it."""
+    material, thick_mm = MATERIAL_OF_PART[part.name].name, part.size_mm[2]
+    count = next(item.count for item in sensor.bill if item.name == part.name)
+    if part.method == "cut":
+        shelf = "" if round(thick_mm, 3) in STOCK_THICKNESSES_MM else "; not on every shelf: measure"
+        yield f"{part.name}: {thick_mm:.2f} mm, {count} x, {material}{shelf}"
+    else:
+        yield f"{part.name}: {material}, {count} x, {part.volume_mm3 / 1000:.2f} cm³"
+        yield from (f"    {fit.clearance_mm:.3f}  {fit.faces}" for fit in fits_of_part(sensor.design, part.name))
 
 
 MANIFEST = "manifest.json"
@@ -142,14 +128,15 @@ def write_design_folder(
 
 
 def _folder_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
-    """Yield path and content of every file but the manifest."""
     for part in sensor.parts.values():
         yield from _part_files(sensor, part)
     yield from format_shop_notes(sensor)
     yield from ((f"led_board/{name}", content) for name, content in read_board_files(sensor.design))
     if sensor.led_board_differences:
         yield "led_board/led_board_outline.dxf", part_to_dxf(build_bare_board(sensor.design))
-    yield from _assembly_files(sensor)
+    yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
+    for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):
+        yield f"images/{name}.png", _encode_png(drawn(sensor.bodies))
     yield "bom.csv", bill_to_csv(sensor.bill)
     yield "bom.html", bill_to_html(sensor.design, sensor.bill, drawn=sensor.parts)
     yield "check.txt", "\n".join(sensor.check_report_lines()).encode()
@@ -158,28 +145,19 @@ def _folder_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
 
 
 def _part_files(sensor: BuildableDesign, part: BuiltPart) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of one part: STEP, STL or DXF, image and drawing."""
     yield f"{part.method}/{part.name}.step", part_to_step(part.name, part.solid)
     if part.method == "printed":
         yield f"{part.method}/{part.name}.stl", part_to_stl(part.solid)
     if part.method == "cut":
         # The name states the thickness, because a DXF does not.
-        yield f"cut/{part.name}_{_sheet_thickness_mm(part):.2f}mm.dxf", part_to_dxf(part.solid)
+        yield f"cut/{part.name}_{part.size_mm[2]:.2f}mm.dxf", part_to_dxf(part.solid)
     yield f"images/{part.name}.png", _encode_png(render_part(part))
     if part.method in METHODS_WITH_FILES:
         drawings = draw_part_as_svg_and_pdf(sensor.design, part)
         yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in drawings)
 
 
-def _assembly_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
-    """Yield the files of the assembled sensor."""
-    yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
-    for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):
-        yield f"images/{name}.png", _encode_png(drawn(sensor.bodies))
-
-
 def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
-    """Return what is in the folder, and volume and box of every part."""
     parts = {
         part.name: {
             "method": part.method,
@@ -197,5 +175,4 @@ def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
 
 
 def _encode_png(image: BgrImage) -> bytes:
-    """Return an image as PNG."""
     return cv2.imencode(".png", image)[1].tobytes()

@@ -43,12 +43,8 @@ def format_fabrication_guide(sensor: BuildableDesign) -> str:
     # jinja2 is slow to import, and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    pages = Environment(
-        loader=PackageLoader("ninedtact_hardware", "."),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
+    loader = PackageLoader("ninedtact_hardware", ".")
+    pages = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
     design, published = sensor.design, SensorDesign()
     is_published_size = design == hardware_design_of_variant(published, design.variant)
     variant_option = "" if design.variant == "default" else f" --variant {design.variant}"

@@ -51,7 +51,6 @@ def list_board_differences(design: HardwareDesign) -> list[str]:
 
 
 def _drawn_features(design: HardwareDesign) -> Iterator[_DrawnFeature]:
-    """Yield what a drawing of the board fixes."""
     plan, board = design.horizontal_dimensions, design.board
     yield _DrawnFeature("outline", plan.led_board)
     yield _DrawnFeature("centres of the corner notches", max(plan.shell_screws))
@@ -69,7 +68,6 @@ def _drawn_features(design: HardwareDesign) -> Iterator[_DrawnFeature]:
 
 
 def _format_lengths(lengths_mm: tuple[float, ...]) -> str:
-    """Return lengths as text, as in 28.00 / 21.00."""
     return " / ".join(f"{length_mm:.2f}" for length_mm in lengths_mm)
 
 
@@ -150,7 +148,6 @@ def _read_with_resistor(design: HardwareDesign, name: str) -> bytes:
 
 
 def _pack_files(contents: dict[str, bytes]) -> bytes:
-    """Return an archive that is the same for the same files."""
     packed = BytesIO()
     with ZipFile(packed, "w", ZIP_DEFLATED) as archive:
         for name, content in contents.items():

@@ -11,7 +11,7 @@ def lens_view_radius_mm(design: HardwareDesign, height_mm: float | None = None) 
 
     The pupil is taken to be at the lens front, where wide-angle lenses have it nearly.
     """
-    levels, angle = design.heights, _lens_half_angle_rad(design)
+    levels, angle = design.heights, radians(design.sensor.camera.lens_angle_deg / 2)
     height = levels.skin if height_mm is None else height_mm
     air = min(height, levels.floor_top) - levels.lens_front
     acrylic = min(max(height - levels.floor_top, 0.0), design.window.thick_mm)
@@ -31,15 +31,9 @@ def sensing_corner_distance_mm(design: HardwareDesign) -> float:
 
 def required_camera_distance_mm(design: HardwareDesign) -> float:
     """Return the least camera distance from which the lens sees the corner of the sensing area."""
-    more = (sensing_corner_distance_mm(design) - lens_view_radius_mm(design)) / _refracted_slope(
-        _lens_half_angle_rad(design), SILICONE_REFRACTIVE_INDEX
-    )
+    slope = _refracted_slope(radians(design.sensor.camera.lens_angle_deg / 2), SILICONE_REFRACTIVE_INDEX)
+    more = (sensing_corner_distance_mm(design) - lens_view_radius_mm(design)) / slope
     return design.sensor.camera.distance_mm + more
-
-
-def _lens_half_angle_rad(design: HardwareDesign) -> float:
-    """Return half the angle that the lens sees in air."""
-    return radians(design.sensor.camera.lens_angle_deg / 2)
 
 
 def _refracted_slope(angle_rad: float, index: float) -> float:

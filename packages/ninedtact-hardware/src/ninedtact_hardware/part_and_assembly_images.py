@@ -98,7 +98,6 @@ def _shade(
 
 
 def _fit_to_image(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[float, Float[Array, "2"]]:
-    """Return the scale in pixels per mm and the pixel of the origin."""
     places = np.concatenate([part.reshape(-1, 3)[:, :2] for part in seen])
     low, high = places.min(axis=0), places.max(axis=0)
     room = np.array([cols, rows]) * (1 - 2 * MARGIN)

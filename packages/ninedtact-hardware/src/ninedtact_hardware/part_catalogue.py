@@ -28,30 +28,22 @@ from ninedtact_hardware.part_solids import (
 ManufacturingMethod = Literal["printed", "cut", "cast", "bought"]
 
 
-@dataclass(frozen=True)
-class _CatalogueEntry:
-    """Name, manufacturing method and builder of one part."""
-
-    name: str
-    method: ManufacturingMethod
-    build: Callable[[HardwareDesign], Part]
-
-
-PART_CATALOGUE = (
-    _CatalogueEntry("sensor_base", "printed", build_sensor_base),
-    _CatalogueEntry("sensor_shell", "printed", build_sensor_shell),
-    _CatalogueEntry("isolation_ring", "printed", build_isolation_ring),
-    _CatalogueEntry("calibration_board", "printed", build_calibration_board),
-    _CatalogueEntry("acrylic_window", "cut", build_acrylic_window),
-    _CatalogueEntry("base_board", "cut", build_base_board),
-    _CatalogueEntry("first_mould", "cut", build_first_mould),
-    _CatalogueEntry("second_mould", "cut", build_second_mould),
-    _CatalogueEntry("transparent_gel", "cast", build_transparent_gel),
-    _CatalogueEntry("translucent_gel", "cast", build_translucent_gel),
-    _CatalogueEntry("black_gel", "cast", build_black_gel),
-    _CatalogueEntry("camera", "bought", build_camera),
-    _CatalogueEntry("led_board", "bought", build_led_board),
-)
+PART_CATALOGUE: dict[str, tuple[ManufacturingMethod, Callable[[HardwareDesign], Part]]] = {
+    "sensor_base": ("printed", build_sensor_base),
+    "sensor_shell": ("printed", build_sensor_shell),
+    "isolation_ring": ("printed", build_isolation_ring),
+    "calibration_board": ("printed", build_calibration_board),
+    "acrylic_window": ("cut", build_acrylic_window),
+    "base_board": ("cut", build_base_board),
+    "first_mould": ("cut", build_first_mould),
+    "second_mould": ("cut", build_second_mould),
+    "transparent_gel": ("cast", build_transparent_gel),
+    "translucent_gel": ("cast", build_translucent_gel),
+    "black_gel": ("cast", build_black_gel),
+    "camera": ("bought", build_camera),
+    "led_board": ("bought", build_led_board),
+}
+"""Manufacturing method and builder of every part."""
 METHODS_WITH_FILES = ("printed", "cut")
 """Manufacturing methods that need files. Gels come from moulds, bought parts from shops."""
 
@@ -81,15 +73,13 @@ def build_parts(design: HardwareDesign) -> dict[str, BuiltPart]:
 
     Raises `DesignImpossible` for a part that the modelling library cannot build, mostly for a fillet that does not fit its edges.
     """
-    return {made.name: BuiltPart(made.name, made.method, _build_part(made, design)) for made in PART_CATALOGUE}
-
-
-def _build_part(made: _CatalogueEntry, design: HardwareDesign) -> Part:
-    """Build one part; raises `DesignImpossible`."""
-    try:
-        return made.build(design)
-    except (ValueError, RuntimeError) as trouble:
-        raise DesignImpossible(
-            f"expected dimensions from which the {made.name} can be modelled, got: {trouble}; change its fillets, its chamfers or "
-            "the widths beside them"
-        ) from trouble
+    parts = dict[str, BuiltPart]()
+    for name, (method, build) in PART_CATALOGUE.items():
+        try:
+            parts[name] = BuiltPart(name, method, build(design))
+        except (ValueError, RuntimeError) as trouble:
+            raise DesignImpossible(
+                f"expected dimensions from which the {name} can be modelled, got: {trouble}; change its fillets, its chamfers or "
+                "the widths beside them"
+            ) from trouble
+    return parts

@@ -86,7 +86,6 @@ def _list_places(found: RoundFeatures) -> Iterator[str]:
 
 
 def _list_dimensions(design: HardwareDesign, part: str) -> Iterator[str]:
-    """Yield each dimension as `name value`, named as in the design file without its `hardware.`."""
     for name in DIMENSIONS_OF_PART[part]:
         table, _, only = name.partition(".")
         found = getattr(design, table, None) or getattr(design.sensor, table)
@@ -149,11 +148,12 @@ def draw_part(part: BuiltPart, notes: dict[str, list[str]]) -> Any:
     top.draw_section_line()
     corners = find_round_features(solid, corners=True) if part.name in WITH_CORNERS else []
     top.draw_round_callouts([*find_round_features(solid), *corners])
-    top.label_heights("y", find_face_positions(solid, Axis.Y))
-    top.label_widths("x", find_face_positions(solid, Axis.X))
+    top.label_faces("y", find_face_positions(solid, Axis.Y))
+    top.label_faces("x", find_face_positions(solid, Axis.X), is_below=True)
     heights = find_face_positions(solid, Axis.Z)
-    front.label_heights("z", heights, zero=heights[0])
-    cut.draw_title("A–A")
+    front.label_faces("z", heights, zero=heights[0])
+    left, _, cut_right, cut_top = cut.box
+    axes.text((left + cut_right) / 2, cut_top + 15.0, "A–A", fontsize=8, color=INK, ha="center", weight="bold")
     _draw_notes(axes, notes)
     return figure
 
@@ -169,7 +169,6 @@ def _choose_scale(size_mm: tuple[float, float, float]) -> float:
 
 
 def _draw_notes(axes: "Axes", notes: dict[str, list[str]]) -> None:
-    """Write the notes in one column, the headings bold."""
     rows = [
         row for heading, lines in notes.items() for row in ((heading, 8.0, "bold"), *((x, 6.6, None) for x in lines))
     ]
@@ -217,11 +216,6 @@ class _ViewOnPaper:
             on_paper = [np.array(self.at) + (line - self.view.box[0]) * self.scale for line in lines]
             self.axes.add_collection(LineCollection(on_paper, colors=colour, linewidths=width, linestyles=style))
 
-    def draw_title(self, title: str) -> None:
-        """Write the title above the view, clear of its width."""
-        left, _, right, top = self.box
-        self.axes.text((left + right) / 2, top + 15.0, title, fontsize=8, color=INK, ha="center", weight="bold")
-
     def draw_section_line(self) -> None:
         """Draw the line x = 0 along which the section A–A is cut, with an arrow in viewing direction (−x) at both ends, the lower
         one below the labels."""
@@ -259,21 +253,19 @@ class _ViewOnPaper:
             label = right + 16, top - 3 - 6 * number
             self.axes.annotate(text, self.paper(*place), label, fontsize=7, color=NOTE, arrowprops=style, va="center")
 
-    def label_heights(self, name: str, places: Sequence[float], zero: float = 0.0) -> None:
-        """Label the position of every flat face across the sheet's upward axis, beside the view."""
-        left, _, _, _ = self.box
-        for place, y, label_y in _spread_labels((place, self.paper(0, place)[1]) for place in places):
-            self.axes.plot([left - 1, left - 4, left - 7], [y, y, label_y], color=NOTE, linewidth=0.4)
+    def label_faces(self, name: str, places: Sequence[float], is_below: bool = False, zero: float = 0.0) -> None:
+        """Label the position of every flat face across one axis of the sheet: beside the view, or below it."""
+        left, bottom, _, _ = self.box
+        style: dict[str, Any] = {"fontsize": 6, "color": NOTE}
+        wanted = ((place, self.paper(place, place)[0 if is_below else 1]) for place in places)
+        for place, at, label_at in _spread_labels(wanted):
             text = f"{name} {place - zero:.2f}"
-            self.axes.text(left - 7.5, label_y, text, fontsize=6, color=NOTE, ha="right", va="center")
-
-    def label_widths(self, name: str, places: Sequence[float]) -> None:
-        """Label the position of every flat face across the sheet's horizontal axis, below the view."""
-        _, bottom, _, _ = self.box
-        for place, x, label_x in _spread_labels((place, self.paper(place, 0)[0]) for place in places):
-            self.axes.plot([x, x, label_x], [bottom - 1, bottom - 3, bottom - 5], color=NOTE, linewidth=0.4)
-            text, below = f"{name} {place:.2f}", bottom - 5.5
-            self.axes.text(label_x, below, text, fontsize=6, color=NOTE, ha="center", va="top", rotation=90)
+            if is_below:
+                self.axes.plot([at, at, label_at], [bottom - 1, bottom - 3, bottom - 5], color=NOTE, linewidth=0.4)
+                self.axes.text(label_at, bottom - 5.5, text, ha="center", va="top", rotation=90, **style)
+            else:
+                self.axes.plot([left - 1, left - 4, left - 7], [at, at, label_at], color=NOTE, linewidth=0.4)
+                self.axes.text(left - 7.5, label_at, text, ha="right", va="center", **style)
 
 
 def _spread_labels(wanted: Iterable[tuple[float, float]]) -> Iterator[tuple[float, float, float]]:

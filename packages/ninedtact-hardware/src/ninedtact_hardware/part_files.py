@@ -81,7 +81,6 @@ def assembly_to_step(bodies: Sequence[AssemblyBody]) -> bytes:
 
 
 def _label_solid(name: str, solid: Part) -> Solid:
-    """Return the single solid of a part under this name."""
     (alone,) = solid.solids()
     named = Solid(alone.wrapped)
     named.label = name
@@ -89,7 +88,6 @@ def _label_solid(name: str, solid: Part) -> Solid:
 
 
 def _shape_to_step(shape: Compound | Solid) -> bytes:
-    """Return a shape as a STEP file."""
     buffer = BytesIO()
     export_step(shape, buffer, timestamp=STEP_TIMESTAMP)
     return buffer.getvalue()
@@ -178,5 +176,4 @@ def _bulge_of_edge(edge: Edge) -> float:
 
 
 def _round_point(place: Vector) -> XY:
-    """Return x and y rounded so that coincident points are equal."""
     return round(place.X, 4) + 0.0, round(place.Y, 4) + 0.0

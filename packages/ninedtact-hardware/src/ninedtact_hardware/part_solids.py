@@ -38,7 +38,6 @@ _COINCIDENT_MM = 1e-4
 
 
 def _make_plate(size: XY, heights: ZRange, radius_mm: float = 0.0, at: XY = (0.0, 0.0)) -> Part:
-    """Return a plate with vertical corners of this radius."""
     outline = deepcopy(_rounded_rectangle(size, radius_mm)) if radius_mm > _COINCIDENT_MM else Rectangle(*size)
     return _extrude_along_z(outline, heights, at)
 
@@ -50,17 +49,14 @@ def _rounded_rectangle(size: XY, radius_mm: float) -> Sketch:
 
 
 def _make_cylinder(diameter_mm: float, heights: ZRange, at: XY = (0.0, 0.0)) -> Part:
-    """Return a cylinder along z, centred at a point."""
     return _extrude_along_z(Circle(diameter_mm / 2), heights, at)
 
 
 def _extrude_along_z(outline: Sketch | Face, heights: ZRange, at: XY = (0.0, 0.0)) -> Part:
-    """Extrude an outline in x and y along z."""
     return Part() + extrude(Pos(*at, heights[0]) * outline, amount=heights[1] - heights[0])
 
 
 def _make_cylinders_at(diameter_mm: float, heights: ZRange, places: Iterable[XY]) -> list[Part]:
-    """Return equal cylinders along z, one at each position."""
     return [_make_cylinder(diameter_mm, heights, place) for place in places]
 
 
@@ -79,7 +75,6 @@ def _extrude_along_y(outline_xz: list[XY], y_mm: XY, rounds: dict[XY, float] | N
 
 
 def _filleted_polygon(corners: list[XY], rounds: dict[XY, float]) -> Face:
-    """Return a polygon with fillets at the corners that are given by their position."""
     outline = Polygon(*corners, align=None)
     for place, radius in rounds.items():
         if radius > _COINCIDENT_MM:
@@ -93,7 +88,6 @@ def _add_mirror_image(right: list[XY]) -> list[XY]:
 
 
 def _nearest_vertex(vertices: Iterable[Vertex], place: XY) -> Vertex:
-    """Return the vertex that is nearest to a position."""
     return min(vertices, key=lambda vertex: hypot(vertex.X - place[0], vertex.Y - place[1]))
 
 
@@ -118,24 +112,17 @@ def build_sensor_base(design: HardwareDesign) -> Part:
     body -= _make_cylinders_at(base.bolt_mm, (-_CUT_MARGIN_MM, base.floor_mm), plan.mount_inserts)
     body -= _make_cylinders_at(base.shell_screw_mm, (0, levels.plate_top + _CUT_MARGIN_MM), plan.shell_screws)
     body -= _make_cylinders_at(base.counterbore_mm, (-_CUT_MARGIN_MM, base.counterbore_deep_mm), plan.shell_screws)
-    return _single_solid_of_part(body - _camera_pocket(design))
+    room = _extrude_along_z(_pocket_outline(design), (base.floor_mm, levels.plate_top + _CUT_MARGIN_MM))
+    return _single_solid_of_part(body - (room - _extrude_along_x(*_cable_ramp(design))))
 
 
 def _locating_pins(design: HardwareDesign) -> list[Part]:
-    """Return the locating pins on the posts, rounded at their tips."""
     base, levels = design.base, design.heights
     tip = levels.board_bottom + base.pin_tall_mm
     pins = _make_cylinders_at(base.pin_mm, (levels.plate_top, tip), design.horizontal_dimensions.posts)
     if not base.pin_round_mm:
         return pins
     return [fillet(pin.faces().sort_by(Axis.Z)[-1].edges(), base.pin_round_mm) for pin in pins]
-
-
-def _camera_pocket(design: HardwareDesign) -> Part:
-    """Return the camera's pocket with the channel in which its cable climbs to the shell's rim."""
-    base, levels = design.base, design.heights
-    room = _extrude_along_z(_pocket_outline(design), (base.floor_mm, levels.plate_top + _CUT_MARGIN_MM))
-    return room - _extrude_along_x(*_cable_ramp(design))
 
 
 def _pocket_outline(design: HardwareDesign) -> Face:
@@ -164,20 +151,14 @@ def build_sensor_shell(design: HardwareDesign) -> Part:
     shell, plan, levels = design.shell, design.horizontal_dimensions, design.heights
     body = _make_plate(plan.outer, (levels.plate_top, levels.rim), shell.corner_radius_mm)
     body -= _make_plate(plan.opening, (levels.floor_top, levels.rim + _CUT_MARGIN_MM), shell.opening_radius_mm)
-    body += _window_frame(design)
+    outside, inside, frame = plan.frame_outside, plan.frame_inside, (levels.floor_top, levels.frame_top)
+    body += _make_plate((outside, outside), frame) - _make_plate((inside, inside), frame)
     body -= _led_cavity(design)
     hole = shell.hole_mm, shell.hole_mm
     body -= _make_plate(hole, (levels.ceiling - _CUT_MARGIN_MM, levels.floor_top + _CUT_MARGIN_MM))
     bottom = levels.plate_top
     body -= _make_cylinders_at(shell.bore_mm, (bottom - _CUT_MARGIN_MM, bottom + shell.bore_deep_mm), plan.shell_screws)
     return _single_solid_of_part(body - _usb_slot(design))
-
-
-def _window_frame(design: HardwareDesign) -> Part:
-    """Return the frame around the window's seat."""
-    outside, inside = design.horizontal_dimensions.frame_outside, design.horizontal_dimensions.frame_inside
-    heights = design.heights.floor_top, design.heights.frame_top
-    return _make_plate((outside, outside), heights) - _make_plate((inside, inside), heights)
 
 
 def _led_cavity(design: HardwareDesign) -> Part:
@@ -231,16 +212,11 @@ def build_calibration_board(design: HardwareDesign) -> Part:
     body = _make_plate(outside, (0, plan.tray_tall), frame.corner_radius_mm)
     inside_radius = max(frame.corner_radius_mm - frame.wall_mm, 0.0)
     body -= _make_plate(plan.tray, (frame.floor_mm, plan.tray_tall + _CUT_MARGIN_MM), inside_radius)
-    one = _calibration_pin(design)
-    return _single_solid_of_part(body + [Pos(x, y, 0) * one for x, y in plan.pins])
-
-
-def _calibration_pin(design: HardwareDesign) -> Part:
-    """Return one pin: a hemisphere on a cylinder that is rooted in the floor."""
-    frame, radius = design.pin_frame, design.sensor.pin_board.pin_diameter_mm / 2
+    # A pin is a hemisphere on a cylinder that is rooted in the floor.
+    radius = design.sensor.pin_board.pin_diameter_mm / 2
     shoulder = frame.floor_mm + frame.pin_tall_mm - radius
-    shaft = _make_cylinder(2 * radius, (frame.floor_mm / 2, shoulder))
-    return shaft + Pos(0, 0, shoulder) * Sphere(radius)
+    one = _make_cylinder(2 * radius, (frame.floor_mm / 2, shoulder)) + Pos(0, 0, shoulder) * Sphere(radius)
+    return _single_solid_of_part(body + [Pos(x, y, 0) * one for x, y in plan.pins])
 
 
 def build_base_board(design: HardwareDesign) -> Part:
@@ -268,7 +244,6 @@ def build_second_mould(design: HardwareDesign) -> Part:
 
 
 def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> Part:
-    """Return a clamping plate with a window."""
     return _single_solid_of_part(
         _clamping_plate(design, thick) - _make_plate(window, (-_CUT_MARGIN_MM, thick + _CUT_MARGIN_MM), radius)
     )
@@ -353,8 +328,9 @@ def build_led_board(design: HardwareDesign) -> Part:
     made = build_bare_board(design)
     made += [_box_on(board.led_mm, place, levels.board_top) for place in plan.leds]
     made += _usb_receptacle(design)
-    tall = board.driver_mm[2]
-    return _single_solid_of_part(made + _box_on(board.driver_mm, _driver_position(design), levels.board_bottom - tall))
+    (x, from_edge), tall = board.driver_at_mm, board.driver_mm[2]
+    at = x, plan.led_board[1] / 2 + from_edge
+    return _single_solid_of_part(made + _box_on(board.driver_mm, at, levels.board_bottom - tall))
 
 
 def _usb_receptacle(design: HardwareDesign) -> Part:
@@ -366,14 +342,7 @@ def _usb_receptacle(design: HardwareDesign) -> Part:
     return _extrude_along_y(_add_mirror_image(right), (mouth + deep, mouth))
 
 
-def _driver_position(design: HardwareDesign) -> XY:
-    """Return the centre of the LED driver."""
-    x, from_edge = design.board.driver_at_mm
-    return x, design.horizontal_dimensions.led_board[1] / 2 + from_edge
-
-
 def _box_on(size: _Block, at: XY, bottom: float) -> Part:
-    """Return a box that stands at this height."""
     return Part() + Pos(*at, bottom + size[2] / 2) * Box(*size)
 
 

@@ -14,11 +14,9 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import SensorDesign
 from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.mechanics.contact_model import SolverSettings
-from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import Frame
-from ninedtact.reading import Reading, read_frame
-from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.reading import read_frame
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
 from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_map_like
 from ninedtact.simulation.trajectory import ScriptedPress
@@ -71,13 +69,14 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
     deepest = MAX_INDENTATION_FRACTION * design.sensor.gel.thickness_mm
     at_load = ScriptedPress(load_n=LOAD_N).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
     at_depth = ScriptedPress(deepest).simulate(twin, Ball(BALL_RADIUS_MM), PREDICTION_SOLVER_SETTINGS)
-    factor = twin.renderer.brightness_factor(at_load)
+    factor, grey = twin.renderer.brightness_factor(at_load), _centre_grey_level(twin)
     return PerformancePrediction(
         depth_range_mm=deepest,
         force_range_n=float(-at_depth.wrench().force_n[2]),
         depth_at_1n_mm=float(at_load.pose.depth_mm),
-        signal_per_n=float((1 - factor.min()) * _centre_grey_level(twin)),
-        depth_noise_mm=_depth_noise_mm(twin),
+        signal_per_n=float((1 - factor.min()) * grey),
+        # The noise over the slope of the brightness where indentation begins.
+        depth_noise_mm=twin.renderer.noise.grey_levels / (grey * twin.renderer.light.darkening_per_mm),
         mm_per_px=_mm_per_px(twin),
         blur_mm=twin.renderer.light.point_spread_mm,
         view_radius_mm=lens_view_radius_mm(design),
@@ -89,18 +88,11 @@ def predict_performance(design: HardwareDesign) -> PerformancePrediction:
 
 
 def _centre_grey_level(twin: Twin) -> float:
-    """Return the brightness of the reference image in the middle, in grey levels."""
     rows, cols = twin.renderer.pixel_map.raw_shape
     return float(twin.renderer.reference[rows // 2 - 20 : rows // 2 + 20, cols // 2 - 20 : cols // 2 + 20].mean())
 
 
-def _depth_noise_mm(twin: Twin) -> float:
-    """Return the noise over the slope of the brightness where indentation begins."""
-    return twin.renderer.noise.grey_levels / (_centre_grey_level(twin) * twin.renderer.light.darkening_per_mm)
-
-
 def _mm_per_px(twin: Twin) -> float:
-    """Return the distance of neighbouring pixels in the middle."""
     plane = twin.renderer.pixel_map.plane_mm
     rows, cols = twin.renderer.pixel_map.raw_shape
     across = plane[rows // 2, cols // 2 + 5] - plane[rows // 2, cols // 2 - 5]
@@ -132,22 +124,12 @@ def validate_simulated_calibration(design: SensorDesign) -> CalibrationValidatio
     images = simulate_calibration_images(twin, design, presses=GUIDED_PRESSES, frames=GUIDED_FRAMES)
     made = calibrate(CalibrationImages(**vars(images)), design)
     shape, gel = SensorFolder(Path(), made.record).shape, made.record.twin.gel if made.record.twin else design.gel
-    contact = _validation_press(design).simulate(twin, VALIDATION_BALL)
-    reading = _read_contact(shape, twin, contact)
+    x, y = (PLACE_PART * side for side in design.sensing_area.size_mm)
+    contact = ScriptedPress(DEPTH_PART * design.gel.thickness_mm, at_mm=(x, -y)).simulate(twin, VALIDATION_BALL)
+    depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-GUIDED_FRAMES, 0)))
+    reading = read_frame(Frame(twin.renderer(contact, 1)), shape, depth)
     true = true_height_map_like(contact, reading.height, twin.renderer.light.inverse_distance_per_mm)
     load_n, read_n = (
         -wrench.force_n[2] for wrench in (contact.wrench(), build_traction_force(shape, gel).estimate(reading).wrench)
     )
     return CalibrationValidationErrors(mean_height_error_mm(true, reading.height), float(abs(read_n - load_n) / load_n))
-
-
-def _validation_press(design: SensorDesign) -> ScriptedPress:
-    """Return a press off the middle, less deep than the limit of the gel."""
-    x, y = (PLACE_PART * side for side in design.sensing_area.size_mm)
-    return ScriptedPress(DEPTH_PART * design.gel.thickness_mm, at_mm=(x, -y))
-
-
-def _read_contact(shape: CalibratedShape, twin: Twin, contact: Contact) -> Reading:
-    """Return the calibrated sensor's reading of one image of a contact."""
-    depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-GUIDED_FRAMES, 0)))
-    return read_frame(Frame(twin.renderer(contact, 1)), shape, depth)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from build123d import BoundBox, Part
+from build123d import Part
 
 from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.materials import MATERIAL_OF_PART, Material
@@ -95,7 +95,8 @@ def find_nearby_part_pairs(bodies: Sequence[AssemblyBody]) -> Iterator[BodyPair]
     """Yield all pairs of bodies that are near each other."""
     boxes = {body.name: body.solid.bounding_box() for body in bodies}
     for first, second in combinations(bodies, 2):
-        if _box_distance_mm(boxes[first.name], boxes[second.name]) <= ADJACENT_MM:
+        one, other = boxes[first.name], boxes[second.name]
+        if max(*(one.min - other.max), *(other.min - one.max)) <= ADJACENT_MM:  # along the axis of the largest gap
             pair = measure_body_pair(first, second)
             if pair.distance_mm <= ADJACENT_MM:
                 yield pair
@@ -108,15 +109,8 @@ def measure_body_pair(first: AssemblyBody, second: AssemblyBody) -> BodyPair:
 
 
 def _overlap_mm3(first: AssemblyBody, second: AssemblyBody) -> float:
-    """Return the volume of the intersection of two bodies."""
     common = first.solid.intersect(second.solid)
     if common is None:
         return 0.0
     shapes = common if isinstance(common, list) else [common]
     return float(sum(shape.volume for shape in shapes))
-
-
-def _box_distance_mm(first: BoundBox, second: BoundBox) -> float:
-    """Return the largest gap between two bounding boxes along an axis."""
-    gaps = [*(first.min - second.max), *(second.min - first.max)]
-    return float(max(gaps))

@@ -26,8 +26,9 @@ from ninedtact.simulation.twin import PoseOutOfView, Press
 from ninedtact_train.batched import executor
 from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device
 from ninedtact_train.batched.session_requests import RenderRequest, StepRequest
+from ninedtact_train.collecting.training_pair_rule import PairKindShares
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
-from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares, PressSettings
+from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 
 SMALL = GenerationSettings(

@@ -184,18 +184,18 @@ def test_keys_are_read_one_by_one_and_the_terminal_is_as_before(monkeypatch: pyt
     ours, theirs = pty.openpty()
     monkeypatch.setattr("sys.stdin", os.fdopen(theirs))
     before = termios.tcgetattr(theirs)
-    with open_key_reader() as typed:
-        assert typed.read_keys() == ""
+    with open_key_reader() as read_keys:
+        assert read_keys() == ""
         os.write(ours, b"nu")
         time.sleep(0.05)
-        assert typed.read_keys() == "nu"
+        assert read_keys() == "nu"
     assert termios.tcgetattr(theirs)[3] == before[3]
     reading, writing = os.pipe()
     monkeypatch.setattr("sys.stdin", os.fdopen(reading))
     os.write(writing, b"q")
     os.close(writing)
-    with open_key_reader() as typed:
-        assert [typed.read_keys() for _ in range(3)] == ["q", "", ""]
+    with open_key_reader() as read_keys:
+        assert [read_keys() for _ in range(3)] == ["q", "", ""]
 
 
 def read_screen(terminal: int) -> str:

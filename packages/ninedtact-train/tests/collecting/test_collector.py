@@ -51,6 +51,7 @@ def collected(
     force_torque: ForceTorque = ForceTorque(),
     seconds: float = WHOLE_S,
     settings: CollectSettings = SETTINGS,
+    camera_delay_ms: float = 0.0,
     seen: Seen = lambda frame, collector: None,
 ) -> tuple[Collector, list[RecordedPair]]:
     """Collect from the hand; `seen` is called after every image."""
@@ -58,7 +59,7 @@ def collected(
         Camera(seconds), CheckedWrenchSource(replace(force_torque), settings.checks)
     )
     with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode, closing(feed):
-        collector = Collector(episode, settings, iter(["cup", "key", "nut"]), np.random.default_rng(0))
+        collector = Collector(episode, settings, iter(["cup", "key", "nut"]), np.random.default_rng(0), camera_delay_ms)
         for fed in feed:
             assert fed is not None
             collector.add(fed)
@@ -103,7 +104,7 @@ def test_pairs_are_true_apart_and_of_all_kinds(tmp_path: Path) -> None:
 
 def test_the_wrench_of_a_pair_is_that_of_the_exposure(tmp_path: Path) -> None:
     """A camera that stamps its images late by 60 ms; the load changes by up to 1 N in that time."""
-    collector, pairs = collected(tmp_path / "late.mcap", settings=replace(SETTINGS, camera_delay_ms=60.0))
+    collector, pairs = collected(tmp_path / "late.mcap", camera_delay_ms=60.0)
     changed = 0
     for pair in pairs:
         exposed_s = at_s(pair.time_ns) - 0.06

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 
+from ninedtact_train.collecting.training_pair_rule import PairKindShares
 from ninedtact_train.dataset.build import BuildResult, BuildSettings, build_dataset
 from ninedtact_train.dataset.fault_report import QualityReport
-from ninedtact_train.dataset.generation.settings import GenerationSettings, PairKindShares
+from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.dataset.sources.find_sources import find_sources
 from ninedtact_train.dataset.sources.source import Source, SourceConventions
 

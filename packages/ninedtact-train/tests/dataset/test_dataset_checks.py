@@ -12,7 +12,6 @@ from little_sources import grey, touched, untouched
 from ninedtact.errors import DatasetError
 from ninedtact_train.dataset.checks import PairCheckSettings, check_dataset, local_darkening_levels
 from ninedtact_train.dataset.fault_report import (
-    FAULT_MEANINGS,
     PairFault,
     read_quality_report,
     require_any_usable_pair,
@@ -67,7 +66,7 @@ def test_each_fault_is_found_alone(tmp_path: Path, fault: PairFault) -> None:
     found = check_dataset(data_set(tmp_path, *rows))
     assert listed(found) == {(fault.value, "odd")}
     assert (found.pairs, found.without_fault, found.counts) == (4, 3, {fault.value: 1})
-    assert any(FAULT_MEANINGS[fault] in line for line in found.summary_lines())
+    assert any(fault.meaning in line for line in found.summary_lines())
 
 
 @pytest.mark.parametrize("reference", [None, "broken"])

@@ -22,27 +22,17 @@ from ninedtact.errors import InputError, NinedtactError, OutputError
 from ninedtact.mechanics.indenter import Ball
 from ninedtact_train.batched.session_requests import run_session_on_cpu
 from ninedtact_train.cli.simulate_dataset import SimulateDatasetCommand
-from ninedtact_train.dataset.generation.generate import (
-    generate_dataset,
-    make_simulated_sensor,
-    session_objects,
-    session_quotas,
-)
-from ninedtact_train.dataset.generation.press_trajectory import RandomPress
-from ninedtact_train.dataset.generation.settings import (
-    GenerationSettings,
-    PairKindShares,
-    PressSettings,
-    PressTarget,
-)
-from ninedtact_train.dataset.schema import arrow_schema
-from ninedtact_train.dataset.statistics_and_card import (
+from ninedtact_train.collecting.training_pair_rule import PairKindShares
+from ninedtact_train.dataset.dataset_card import (
     REAL_PERCENTILES,
     compute_dataset_statistics,
     differences_from_real_percentiles,
     move_to_force_sensor,
     wrench_percentiles,
 )
+from ninedtact_train.dataset.generation.generate import generate_dataset, make_simulated_sensor
+from ninedtact_train.dataset.generation.press_session import RandomPress, session_objects, session_quotas
+from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings, PressTarget
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 from ninedtact_train.population.sensor_population import sample_sensor, sampled_sensor_from_json
 
@@ -104,7 +94,7 @@ def test_every_sensor_is_pressed_by_more_and_more_objects(sensors: int) -> None:
 
 
 def test_sessions_of_one_pair_have_ids_of_their_own(tmp_path: Path) -> None:
-    settings = replace(TWINS, pairs=4, sensors=4, shares=PairKindShares(0.5, 0.5))
+    settings = replace(TWINS, pairs=4, sensors=4, shares=PairKindShares(1.0, 0.0))
     generate_dataset(tmp_path / "single", settings)
     assert len({row["id"] for row in rows_in(tmp_path / "single")}) == 4
 
@@ -160,10 +150,11 @@ def test_hugging_face_knows_which_column_is_a_image(twins: Path) -> None:
     metadata = pq.read_schema(path).metadata
     assert json.loads(metadata[b"huggingface"])["info"]["features"]["image"] == {"_type": "Image"}
     assert b"N\xc2\xb7m" in metadata[b"ninedtact.wrench"]
-    assert arrow_schema(()).metadata
 
 
-def test_a_killed_job_goes_on_and_ends_with_the_same_bytes(twins: Path, tmp_path: Path) -> None:
+def test_a_killed_job_goes_on_with_any_number_of_workers_and_ends_with_the_same_bytes(
+    twins: Path, tmp_path: Path
+) -> None:
     folder = tmp_path / "killed"
     job = subprocess.Popen([sys.executable, "-c", MAKE, str(folder), "1"])
     first, until = folder / "data" / "train-00000-of-00003.parquet", monotonic() + 60
@@ -173,13 +164,8 @@ def test_a_killed_job_goes_on_and_ends_with_the_same_bytes(twins: Path, tmp_path
     job.wait()
     (folder / "data" / ".abc.partial").write_bytes(b"half")
     assert 1 <= len(list((folder / "data").glob("train-*"))) < TWINS.files
-    assert generate_dataset(folder, TWINS).new_files < TWINS.files
+    subprocess.run([sys.executable, "-c", MAKE, str(folder), "2"], check=True)
     assert contents(folder) == contents(twins)
-
-
-def test_workers_make_the_same_bytes(twins: Path, tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-c", MAKE, str(tmp_path / "two"), "2"], check=True)
-    assert contents(tmp_path / "two") == contents(twins)
 
 
 def test_a_finished_one_is_left_as_it_is(twins: Path) -> None:

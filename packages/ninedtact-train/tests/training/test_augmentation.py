@@ -10,15 +10,20 @@ from torch import Tensor
 
 from ninedtact.force.network_input import TYPICAL_FEATURES
 from ninedtact_train.training.augmentation import (
-    NO_AUGMENTATION,
-    Augmentation,
-    GeometricAugmentation,
     GeometricTransforms,
-    HeightPerturbations,
-    PhotometricPerturbations,
+    augment_batch,
+    perturb_light,
+    sample_transforms,
     transform_training_batch,
 )
 from ninedtact_train.training.examples import TrainingBatch
+from ninedtact_train.training.settings import (
+    NO_AUGMENTATION,
+    Augmentation,
+    GeometricAugmentation,
+    HeightPerturbations,
+    PhotometricPerturbations,
+)
 
 ROWS, COLS, MM_PER_PX = 60, 80, 0.3
 X, Y = (MM_PER_PX * (torch.arange(side) - (side - 1) / 2) for side in (COLS, ROWS))
@@ -131,21 +136,23 @@ def test_a_scaled_image_has_a_wider_dent_and_the_same_wrench() -> None:
 
 
 def test_chance_decides_and_nothing_else() -> None:
-    again = [Augmentation()(batch(8), MM_PER_PX, torch.Generator().manual_seed(seed)) for seed in (3, 3, 4)]
+    again = [
+        augment_batch(Augmentation(), batch(8), MM_PER_PX, torch.Generator().manual_seed(seed)) for seed in (3, 3, 4)
+    ]
     assert torch.equal(again[0].images, again[1].images) and torch.equal(again[0].wrench, again[1].wrench)
     assert not torch.equal(again[0].images, again[2].images)
-    same = NO_AUGMENTATION(batch(8), MM_PER_PX, torch.Generator().manual_seed(3))
+    same = augment_batch(NO_AUGMENTATION, batch(8), MM_PER_PX, torch.Generator().manual_seed(3))
     assert torch.allclose(same.images, batch(8).images, atol=1e-5) and torch.equal(same.wrench, batch(8).wrench)
 
 
 def test_errors_of_heights_are_as_large_as_asked_for() -> None:
     flat = TrainingBatch(torch.zeros(500, 24, 32), torch.zeros(500, 6), None, usual(500))
     only = replace(NO_AUGMENTATION, heights=HeightPerturbations(0.0, 0.01, 0.001, 0.0, 0.0))
-    z_mm = only(flat, 0.3, torch.Generator().manual_seed(0)).images
+    z_mm = augment_batch(only, flat, 0.3, torch.Generator().manual_seed(0)).images
     assert float(z_mm.mean((1, 2)).std()) == pytest.approx(0.01, rel=0.1)
     assert float((z_mm[:, :, -1] - z_mm[:, :, 0]).mean(1).std()) == pytest.approx(31 * 0.3 * 0.001, rel=0.1)
     noisy = replace(NO_AUGMENTATION, heights=HeightPerturbations(0.0, 0.0, 0.0, 0.02, 0.6))
-    noise = noisy(flat, 0.3, torch.Generator().manual_seed(0)).images
+    noise = augment_batch(noisy, flat, 0.3, torch.Generator().manual_seed(0)).images
     assert float(noise.std((1, 2)).mean()) == pytest.approx(0.01, rel=0.1)
     neighbours = float((noise[:, :, 1:] * noise[:, :, :-1]).mean() / (noise**2).mean())
     assert 0.2 < neighbours < 0.98
@@ -154,15 +161,15 @@ def test_errors_of_heights_are_as_large_as_asked_for() -> None:
 def test_a_brighter_lamp_changes_image_and_reference_alike_and_drift_the_reference_alone() -> None:
     grey = torch.full((400, 8, 8), 100.0)
     lit = TrainingBatch(grey, torch.zeros(400, 6), grey, usual(400))
-    lamp = PhotometricPerturbations(0.05, 0.0, 0.0)(lit, torch.Generator().manual_seed(0))
+    lamp = perturb_light(PhotometricPerturbations(0.05, 0.0, 0.0), lit, torch.Generator().manual_seed(0))
     assert lamp.references is not None and torch.allclose(lamp.images, lamp.references)
     assert float(lamp.images.mean((1, 2)).std()) == pytest.approx(5, rel=0.15)
-    drift = PhotometricPerturbations(0.0, 0.01, 0.0)(lit, torch.Generator().manual_seed(0))
+    drift = perturb_light(PhotometricPerturbations(0.0, 0.01, 0.0), lit, torch.Generator().manual_seed(0))
     assert drift.references is not None and torch.equal(drift.images, grey)
     assert float(drift.references.mean((1, 2)).std()) == pytest.approx(1, rel=0.15)
 
 
 def test_as_often_mirrored_as_not() -> None:
-    drawn = GeometricAugmentation().sample_transforms(4000, torch.Generator().manual_seed(0))
+    drawn = sample_transforms(GeometricAugmentation(), 4000, torch.Generator().manual_seed(0))
     assert drawn.mirror.mean(0).abs().max() < 0.06 and (drawn.mirror.abs() == 1).all()
     assert float((drawn.rotation_rad != 0).float().mean()) == pytest.approx(0.5, abs=0.05)

@@ -6,32 +6,26 @@ import torch
 from toy import of_heights, of_images
 
 from ninedtact.force.network_input import InputChannels
-from ninedtact_train.training.error_scale_and_model_card import LAPLACE_QUANTILES, fit_error_scale_correction
-from ninedtact_train.training.examples import BatchDataset, SeededBatchSampler
+from ninedtact_train.training.examples import BatchDataset, rows_of_batches
+from ninedtact_train.training.trained_network import LAPLACE_QUANTILES, fit_error_scale_correction
 
 
 def test_processes_share_an_epoch_and_every_epoch_is_shuffled_anew() -> None:
-    rows = np.arange(100, 200)
-    orders = [SeededBatchSampler(rows, 10, 3, rank, 2) for rank in (0, 1)]
-    epochs = []
+    rows, epochs = np.arange(100, 200), []
     for epoch in range(2):
-        for order in orders:
-            order.set_epoch(epoch)
-        batches = [list(order) for order in orders]
-        assert [len(order) for order in orders] == [5, 5] == [len(own) for own in batches]
+        batches = [rows_of_batches(rows, 10, (3, epoch), rank, 2) for rank in (0, 1)]
+        assert [len(own) for own in batches] == [5, 5]
         assert sorted(np.concatenate([*batches[0], *batches[1]]).tolist()) == rows.tolist()
         epochs.append(np.concatenate(batches[0]))
     assert not np.array_equal(*epochs)
-    again = SeededBatchSampler(rows, 10, 3, 0, 2)
-    again.set_epoch(1)
-    assert np.array_equal(np.concatenate(list(again)), epochs[1])
+    assert np.array_equal(np.concatenate(rows_of_batches(rows, 10, (3, 1), 0, 2)), epochs[1])
 
 
 def test_all_rows_are_judged_and_only_whole_batches_are_learnt() -> None:
     rows = np.arange(25)
-    assert np.concatenate(list(SeededBatchSampler(rows, 10, None))).tolist() == rows.tolist()
-    assert [len(batch) for batch in SeededBatchSampler(rows, 10, 0)] == [10, 10]
-    assert [len(batch) for batch in SeededBatchSampler(rows[:4], 10, 0)] == [4]
+    assert np.concatenate(rows_of_batches(rows, 10, None)).tolist() == rows.tolist()
+    assert [len(batch) for batch in rows_of_batches(rows, 10, (0, 0))] == [10, 10]
+    assert [len(batch) for batch in rows_of_batches(rows[:4], 10, (0, 0))] == [4]
 
 
 def test_a_batch_is_a_copy_and_carries_its_own_references() -> None:

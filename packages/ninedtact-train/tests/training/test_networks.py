@@ -1,18 +1,14 @@
 """Networks: places are arithmetic in the small one, and all give what they are asked for."""
 
+from typing import get_args
+
 import pytest
 import torch
 
 from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings
-from ninedtact_train.training.networks import (
-    NETWORK_NAMES,
-    CellWrenchSum,
-    LabelScale,
-    MomentsNetwork,
-    WrenchNetwork,
-    build_network,
-)
+from ninedtact_train.training.networks import CellWrenchSum, LabelScale, MomentsNetwork, WrenchNetwork
+from ninedtact_train.training.settings import NetworkName, TrainingSettings
 
 UNIT = (0.5, 0.5, 2.0, 0.01, 0.01, 0.003)
 CELL_PX = 4
@@ -48,8 +44,8 @@ def test_cells_lie_symmetric_about_the_centre_of_the_skin() -> None:
     assert float(moments.x_m[0, 0]) == pytest.approx(-19 / 2 * 1.2e-3)
 
 
-@pytest.mark.parametrize("name", NETWORK_NAMES)
-def test_every_network_gives_a_wrench_and_a_scale_above_zero(name: str) -> None:
+@pytest.mark.parametrize("name", get_args(NetworkName))
+def test_every_network_gives_a_wrench_and_a_scale_above_zero(name: NetworkName) -> None:
     settings = NetworkInputSettings(InputChannels.DEFORMATION, 40, 40, 0.6)
     net = WrenchNetwork(name, settings, LabelScale(UNIT, (0.0,) * 6)).eval()
     with torch.no_grad():
@@ -67,9 +63,9 @@ def test_labels_turn_numbers_into_newtons() -> None:
 
 
 def test_what_no_network_takes_is_refused() -> None:
-    with pytest.raises(InputError, match="one of moments"):
-        build_network("alexnet", NetworkInputSettings(), 6, UNIT)
+    with pytest.raises(InputError, match="one of 'moments', 'densenet121', 'densenet169', got 'alexnet'"):
+        TrainingSettings("alexnet")
     with pytest.raises(InputError, match="multiples of 4"):
-        build_network("moments", NetworkInputSettings(rows=61), 6, UNIT)
+        TrainingSettings(input=NetworkInputSettings(rows=61))
     with pytest.raises(InputError, match="32 x 32"):
-        build_network("densenet121", NetworkInputSettings(rows=20), 6, UNIT)
+        TrainingSettings("densenet121", NetworkInputSettings(rows=20))

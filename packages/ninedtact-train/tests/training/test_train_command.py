@@ -346,7 +346,6 @@ def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(
     assert "Parquet" in told(capsys, ["--data", str(tmp_path / "none"), *out, *images])
     given = ["--data", str(folder), *out, "--sensors", str(tmp_path)]
     assert "multiples of 4" in told(capsys, [*given, "--size", "30", "20"])
-    assert "one of moments" in told(capsys, [*given, "--network", "alexnet"])
     for fraction in ("nan", "-0.1", "1"):
         assert "held_out_fraction above 0 and below 1" in told(capsys, [*given, "--held-out-fraction", fraction])
     assert not (tmp_path / "out").exists()

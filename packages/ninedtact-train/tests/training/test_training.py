@@ -2,7 +2,6 @@
 it cannot learn from."""
 
 import csv
-import signal
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -12,25 +11,32 @@ import pytest
 import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
-from ninedtact.errors import FileFormatError, ForceEstimationError, InputError, OutputError
+from ninedtact.errors import DatasetError, FileFormatError, ForceEstimationError, InputError, OutputError
 from ninedtact.force.network_input import InputChannels
 from ninedtact.force.onnx_model import read_force_model
-from ninedtact_train.dataset.folder import begin_or_resume_folder
+from ninedtact_train.dataset.folder import begin_or_resume_folder, interrupt_as_stopped
 from ninedtact_train.dataset.split import SplitRows
-from ninedtact_train.training.augmentation import NO_AUGMENTATION, GeometricAugmentation
-from ninedtact_train.training.compute_settings import ComputeSettings
-from ninedtact_train.training.error_scale_and_model_card import TrainedNetwork
-from ninedtact_train.training.examples import TrainingBatch, TrainingExamples, move_examples_to_torque_point
+from ninedtact_train.training.examples import TrainingBatch, TrainingExamples, move_torques_from_skin_centre
 from ninedtact_train.training.networks import WrenchNetwork
 from ninedtact_train.training.onnx_export import rewrite_card
-from ninedtact_train.training.settings import PAPER_TRAINING, TrainingSettings
-from ninedtact_train.training.train import (
-    CHECKPOINT_FOLDER,
-    TrainingResult,
-    fit_network,
-    train_network,
+from ninedtact_train.training.settings import (
+    NO_AUGMENTATION,
+    PAPER_TRAINING,
+    ComputeSettings,
+    GeometricAugmentation,
+    TrainingSettings,
 )
-from ninedtact_train.training.training_module import ForceTrainingModule, fit_label_scaling, load_checkpoint
+from ninedtact_train.training.train import TrainingResult, train_network
+from ninedtact_train.training.trained_network import TrainedNetwork
+from ninedtact_train.training.training_loop import (
+    CHECKPOINT_FOLDER,
+    ForceTraining,
+    TrainingHistory,
+    fit_label_scaling,
+    fit_network,
+    launch_fabric,
+    load_checkpoint,
+)
 
 CPU = ComputeSettings(accelerator="cpu")
 
@@ -71,8 +77,8 @@ def test_the_graph_answers_as_the_network_does(trained: TrainingResult) -> None:
     network = WrenchNetwork(
         settings.network, settings.input, fit_label_scaling(of_heights().wrench[ROWS.train], settings)
     )
-    state = load_checkpoint(trained.path.parent / "checkpoints" / "best.ckpt")["state_dict"]
-    network.load_state_dict({name.removeprefix("model."): weights for name, weights in state.items()})
+    state = load_checkpoint(trained.path.parent / "checkpoints" / "best.ckpt")["network"]
+    network.load_state_dict(state)
     shown = torch.randn(7, *settings.input.shape) * 0.1
     with torch.no_grad():
         wrench, _ = network.eval()(shown)
@@ -107,43 +113,73 @@ def test_a_network_that_corrects_physics_learns_what_physics_lacks(tmp_path: Pat
     np.testing.assert_allclose(examples.labels, 0.2 * heights.wrench, atol=1e-6)
     usual = toy_settings()
     settings = replace(usual, input=replace(usual.input, channels=InputChannels.PHYSICS), epochs=2)
-    done = train_network(examples, ROWS, settings, tmp_path / "out", machine=CPU)
-    assert done is not None and done.model.card.input.channels.of_physics
-    assert (done.evaluation.scores.skill[:3] > 0.6).all()
-    assert (np.array(done.model.card.wrench_min) < 0.9 * heights.wrench[ROWS.train].min(0) + 1e-9).all()
+    learner = ForceTraining(settings, fit_label_scaling(examples.labels[ROWS.train], settings))
+    history = run(learner, tmp_path, examples)
+    trained = TrainedNetwork(learner.model.eval(), examples, ROWS, settings)
+    evaluation = trained.evaluate_held_out()
+    assert (evaluation.scores.skill[:3] > 0.6).all()
+    card = trained.build_card(evaluation, history, "corrector", "MIT")
+    assert (np.array(card.wrench_min) < 0.9 * heights.wrench[ROWS.train].min(0) + 1e-9).all()
     with pytest.raises(ForceEstimationError, match="without the tractions and wrenches of physics"):
         train_network(heights, ROWS, settings, tmp_path / "other", machine=CPU)
 
 
-def weights_of(learner: ForceTrainingModule) -> dict[str, torch.Tensor]:
-    return {name: part.clone() for name, part in learner.state_dict().items()}
+def weights_of(learner: ForceTraining) -> dict[str, torch.Tensor]:
+    return {name: part.clone() for name, part in learner.model.state_dict().items()}
+
+
+def run(
+    learner: ForceTraining, out: Path, examples: TrainingExamples | None = None, precision: str = "32-true"
+) -> TrainingHistory:
+    machine = ComputeSettings(accelerator="cpu", precision=precision)
+    with interrupt_as_stopped(out):
+        return fit_network(launch_fabric(machine), learner, examples or of_heights(), ROWS, out)
 
 
 def fitted(
-    out: Path, settings: TrainingSettings, kind: type[ForceTrainingModule] = ForceTrainingModule
-) -> tuple[ForceTrainingModule, list[dict[str, float]]]:
+    out: Path, settings: TrainingSettings, kind: type[ForceTraining] = ForceTraining
+) -> tuple[ForceTraining, list[dict[str, float]]]:
     learner = kind(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
-    history = fit_network(learner, of_heights(), ROWS, out, CPU).history
+    history = run(learner, out)
     return learner, [{name: value for name, value in row.items() if name != "seconds"} for row in history.epochs]
 
 
-class Interrupted(ForceTrainingModule):
+class Counting(ForceTraining):
+    """Counts its steps, four in each epoch."""
+
+    steps = 0
+
+    def loss(self, *given: object) -> tuple[torch.Tensor, torch.Tensor]:
+        self.steps += 1
+        return super().loss(*given)
+
+
+class Interrupted(Counting):
     """Somebody presses Ctrl-C in the middle of the third epoch."""
 
-    def training_step(self, batch: TrainingBatch, number: int) -> torch.Tensor:
-        if self.current_epoch == 2 and number == 1:
+    def loss(self, *given: object) -> tuple[torch.Tensor, torch.Tensor]:
+        if self.steps == 9:
             raise KeyboardInterrupt
-        return super().training_step(batch, number)
+        return super().loss(*given)
 
 
-class WorseInTheEnd(ForceTrainingModule):
+class WorseInTheEnd(Counting):
     """The third epoch unlearns."""
 
-    def training_step(self, batch: TrainingBatch, number: int) -> torch.Tensor:
-        return super().training_step(batch, number) * (1 if self.current_epoch < 2 else -1)
+    good_steps = 8
+
+    def loss(self, *given: object) -> tuple[torch.Tensor, torch.Tensor]:
+        total, error = super().loss(*given)
+        return total * (1 if self.steps <= self.good_steps else -1), error
 
 
-class Watched(ForceTrainingModule):
+class WorseAtOnce(WorseInTheEnd):
+    """What is left after two epochs."""
+
+    good_steps = 0
+
+
+class Watched(ForceTraining):
     """Keeps the wrenches that were learnt."""
 
     def augment(self, batch: TrainingBatch, generator: torch.Generator) -> TrainingBatch:
@@ -153,23 +189,22 @@ class Watched(ForceTrainingModule):
 
 
 def test_gone_on_with_after_a_stop_it_learns_the_same(tmp_path: Path) -> None:
-    settings, handler = toy_settings(), signal.getsignal(signal.SIGINT)
+    settings = toy_settings()
     whole, rows = fitted(tmp_path / "whole", settings)
-    with pytest.raises(ForceEstimationError, match="run the command again"):
+    with pytest.raises(DatasetError, match="run the command again"):
         fitted(tmp_path / "stopped", settings, Interrupted)
-    assert signal.getsignal(signal.SIGINT) is handler
     again, rows_again = fitted(tmp_path / "stopped", settings)
     assert rows_again == rows
     for name, part in weights_of(whole).items():
-        assert torch.equal(part, again.state_dict()[name]), name
+        assert torch.equal(part, weights_of(again)[name]), name
 
 
 def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
     rows, settings = SplitRows(np.arange(32), np.arange(32, 40)), replace(toy_settings(), epochs=10)
     objects = ["none" if number % 8 == 0 else f"object_{number % 5}" for number in range(PAIRS)]
     examples = replace(of_heights(), objects=objects)
-    learner = ForceTrainingModule(settings, fit_label_scaling(examples.wrench[rows.train], settings))
-    history = fit_network(learner, examples, rows, tmp_path, CPU).history
+    learner = ForceTraining(settings, fit_label_scaling(examples.wrench[rows.train], settings))
+    history = fit_network(launch_fabric(CPU), learner, examples, rows, tmp_path)
     trained = TrainedNetwork(learner.model.eval(), examples, rows, settings)
     card = trained.build_card(trained.evaluate_held_out(), history, "little", "MIT")
     assert len(history.epochs) == card.training.epochs == 10
@@ -179,20 +214,20 @@ def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
 def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(tmp_path: Path) -> None:
     settings = toy_settings(schedule="constant", optimiser="adam")
     whole, rows = fitted(tmp_path / "whole", settings, WorseInTheEnd)
-    with pytest.raises(ForceEstimationError):
+    with pytest.raises(DatasetError):
         fitted(tmp_path / "stopped", settings, Interrupted)
     (tmp_path / "stopped").rename(tmp_path / "moved")
-    again, rows_again = fitted(tmp_path / "moved", settings, WorseInTheEnd)
+    again, rows_again = fitted(tmp_path / "moved", settings, WorseAtOnce)
     assert rows_again == rows and min(rows, key=lambda row: row["val_loss"])["epoch"] <= 2
     for name, part in weights_of(whole).items():
-        assert torch.equal(part, again.state_dict()[name]), name
+        assert torch.equal(part, weights_of(again)[name]), name
     assert not (tmp_path / "stopped").exists()
 
 
 def test_half_precision_is_not_for_labels(tmp_path: Path) -> None:
     settings = replace(toy_settings(augmentation=NO_AUGMENTATION), epochs=1)
     learner = Watched(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
-    fit_network(learner, of_heights(), ROWS, tmp_path, ComputeSettings(accelerator="cpu", precision="bf16-mixed"))
+    run(learner, tmp_path, precision="bf16-mixed")
     known = {tuple(six) for six in of_heights().wrench.tolist()}
     assert {tuple(six) for six in torch.cat(learner.seen).tolist()} <= known
 
@@ -203,12 +238,10 @@ def test_examples_are_mirrored_about_the_centre_of_the_skin_wherever_their_torqu
     about_mm = (10.0, -5.0, -35.0)
     mirrored = replace(NO_AUGMENTATION, geometric=GeometricAugmentation(transformed_share=0))
     settings = replace(toy_settings(augmentation=mirrored, about_mm=about_mm), epochs=1)
-    examples = move_examples_to_torque_point(of_heights(), about_mm)
-    module = Watched(settings, fit_label_scaling(examples.wrench[ROWS.train], settings))
-    fit_network(module, examples, ROWS, tmp_path, CPU)
+    module = Watched(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
+    run(module, tmp_path)
     six = torch.cat(module.seen).numpy()
-    moved = replace(of_heights(), wrench=np.resize(six, (PAIRS, 6)))
-    at_centre = move_examples_to_torque_point(moved, (-10.0, 5.0, 35.0)).wrench
+    at_centre = move_torques_from_skin_centre(six, (-10.0, 5.0, 35.0))
     # The force of a dent is proportional to its place, in a mirror image too: T_y = −x F_z = 20 mm F_x, T_x = y F_z = −10 mm F_y.
     assert np.ptp(np.sign(six[:, 0])) == 2
     np.testing.assert_allclose(at_centre[:, 4], 0.02 * at_centre[:, 0], atol=1e-6)
@@ -225,12 +258,13 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
 
 def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) -> None:
     settings = replace(PAPER_TRAINING, network="moments", input=IMAGES, epochs=1, batch=32)
-    examples = move_examples_to_torque_point(of_images(), settings.about_mm)
+    examples = of_images()
     labels = fit_label_scaling(examples.wrench[ROWS.train], settings)
-    learner = ForceTrainingModule(settings, labels)
-    parts = (examples.wrench[ROWS.train] - np.array(labels.offset)) / np.array(labels.unit)
+    learner = ForceTraining(settings, labels)
+    below = move_torques_from_skin_centre(examples.wrench[ROWS.train], settings.about_mm)
+    parts = (below - np.array(labels.offset)) / np.array(labels.unit)
     assert parts.min() == pytest.approx(0, abs=1e-5) and parts.max() == pytest.approx(1, abs=1e-5)
-    fit_network(learner, examples, ROWS, tmp_path, CPU)
+    run(learner, tmp_path, examples)
     evaluation = TrainedNetwork(learner.model.eval(), examples, ROWS, settings).evaluate_held_out()
     np.testing.assert_allclose(evaluation.predictions.truth, of_images().wrench[ROWS.test], atol=1e-6)
     assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)

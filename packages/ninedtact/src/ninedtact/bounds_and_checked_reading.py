@@ -56,7 +56,6 @@ def require_within_bounds(part: object, table: str = "", refusal: type[Ninedtact
 
 @cache
 def _bounded_fields(kind: type) -> tuple[tuple[str, Any], ...]:
-    """Return name and type of every field that declares bounds or choices."""
     hints = get_type_hints(kind, include_extras=True)
     return tuple((field.name, hints[field.name]) for field in fields(kind) if _has_bounds(hints[field.name]))
 
@@ -190,7 +189,6 @@ def convert_tables_to_class(tables: Any, kind: Any) -> Any:
 
 
 def _describe_invalid_value(message: str, tables: Any, kind: Any) -> str:
-    """Return the field and the value beside the reason that msgspec gives."""
     found = _INVALID_VALUE.match(message)
     if found is None or not found["place"]:
         return message

@@ -2,35 +2,24 @@
 
     address ──▶ source ──▶ reference images ──▶ estimator ──▶ Sensor
 
-A program calls this as `ninedtact.open`; the live page and the bridges read the same in real time (`assemble_live_sensor`).
-Packages are imported when a sensor is opened, so that `ninedtact --help` stays quick.
+A program calls this as `ninedtact.open`; the live page and the bridges read the same in real time (`live_sensor`). Packages
+are imported when a sensor is opened, so that `ninedtact --help` stays quick.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ninedtact.errors import InputError
-from ninedtact.source_addresses import (
-    RECORDING_SUFFIX,
-    is_twin_address,
-    load_given_or_recorded_sensor,
-    source_for,
-    source_in_real_time,
-)
+from ninedtact.source_addresses import RECORDING_SUFFIX, load_recorded_sensor, source_for
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.reference_check import ReferenceImageChecker
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
-    from ninedtact.capture.wrench_source import WrenchSource
     from ninedtact.force.estimator_and_scale import ForceEstimator
     from ninedtact.sensor import Sensor
-    from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
-    from ninedtact.simulation.press_sequence import PressSequence
-    from ninedtact.simulation.simulated_sources import DemoSources
 
 PathLike = Path | str
 
@@ -82,72 +71,24 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     >>> reading.wrench.force_n  # nothing touches yet
     array([0., 0., 0.])
     """
+    from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
     from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
 
     source = str(source) if isinstance(source, Path | int) else source
     references = [reference] if isinstance(reference, Path | str) else reference or ()
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
-    with load_given_or_recorded_sensor(sensor, source) as folder:
+    with ExitStack() as opened:
+        if sensor is None:
+            sensor = opened.enter_context(load_recorded_sensor(source))
+        folder = sensor if isinstance(sensor, SensorFolder) else load_sensor(sensor)
         frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
         if isinstance(source, str) and frames.is_live and not frames.is_simulated:
             frames = LatestFrameSource(frames)  # a slow reader neither lags behind nor hears late of a loss
-        return _assemble(folder, frames, folder.estimator(force), references, follow_reference, moments_s)
+        return assemble_sensor(folder, frames, folder.estimator(force), references, follow_reference, moments_s)
 
 
-@dataclass(frozen=True)
-class LiveSensor:
-    """A sensor that is read in real time, not yet opened; of a twin with its true wrench and its simulation."""
-
-    sensor: "Sensor"
-    true_wrench: "WrenchSource | None" = None
-    simulation: "PressSequence | None" = None
-
-
-def assemble_live_sensor(
-    folder: "SensorFolder",
-    source: "str | DemoSources",
-    references: Sequence[PathLike] = (),
-    settings: "CameraSettings | None" = None,
-    follow_reference: bool = True,
-    loop: bool = False,
-    estimator: "str | ForceEstimator" = "none",
-    name: str = "",
-    notify: Callable[[str], None] = lambda sentence: None,
-) -> LiveSensor:
-    """Return a sensor that is read in real time, as the live page shows it and other programs receive it; not yet opened.
-
-    source: an address, or the simulated sources of a twin. A camera that is lost is waited for. Files and recordings play at their
-    own pace, a recording with the reference image that it starts with; loop: again and again. follow_reference: whether the
-    reference image of a live source follows slow changes. name: of the sensor among several, each of whose twins has noise of its
-    own. notify: receives a sentence about a camera that is lost or is back. The other parameters, and what is raised, are those of
-    `open`.
-    """
-    from ninedtact.capture.frame_pacing import LatestFrameSource, RepeatingSource
-    from ninedtact.capture.frame_source import FIXED_EXPOSURE
-    from ninedtact.capture.reconnecting import ReconnectingFrameSource
-
-    of = f"{name}: " if name else ""
-    follow = None if follow_reference else False
-    if isinstance(source, str) and is_twin_address(source):
-        from ninedtact.simulation.simulated_sources import demo_sources
-
-        source = demo_sources(folder.twin().with_noise_of(name))
-    if not isinstance(source, str):
-        frames: FrameSource = source.camera
-    else:
-        played = source_in_real_time(source, settings or FIXED_EXPOSURE, lambda sentence: notify(f"{of}{sentence}"))
-        frames = ReconnectingFrameSource(
-            RepeatingSource(played) if loop else played,
-            on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),
-            on_back=lambda: notify(f"{of}it is back"),
-        )
-    chosen = folder.estimator(estimator) if isinstance(estimator, str) else estimator
-    sensor = _assemble(folder, LatestFrameSource(frames), chosen, references, follow)
-    return LiveSensor(sensor) if isinstance(source, str) else LiveSensor(sensor, source.force_torque, source.simulation)
-
-
-def _assemble(
+def assemble_sensor(
     folder: "SensorFolder",
     frames: "FrameSource",
     estimator: "ForceEstimator",
@@ -155,7 +96,10 @@ def _assemble(
     follow_reference: bool | None,
     moments_s: Sequence[float] = (),
 ) -> "Sensor":
-    """Return a sensor on frames, not yet opened, with the reference images that are given or that its source brings."""
+    """Return a sensor on frames, not yet opened, with the reference images that are given or that its source brings.
+
+    moments_s: as `reference_at_s` of `open`, which has the other parameters and says what is raised.
+    """
     from ninedtact.calibration.drift.reference_check import load_reference_image_checker
     from ninedtact.reference_images import ReferenceImages, following_settings_for
     from ninedtact.sensor import Sensor
@@ -177,31 +121,16 @@ def _assemble(
             images.recorded = partial(
                 frames.depth_reader_at, shape=shape, find_faults=check.find_faults, rectified_faults=faults
             )
-    if moments_s:
-        images.at_moments = _references_at_moments(frames, moments_s, shape, check, images.given)
-    images.begin()
-    return Sensor(frames, shape, images, estimator)
-
-
-def _references_at_moments(
-    frames: "FrameSource",
-    moments_s: Sequence[float],
-    shape: "CalibratedShape",
-    check: "ReferenceImageChecker",
-    first: "DepthReader | None",
-) -> "Sequence[tuple[int, DepthReader]]":
-    """Return the reference images that a recording gives at moments, in s after its first image (`ReferenceImages.at_moments`).
-
-    first: in use until the first moment, where it is not that of the recording's first images. Raises `InputError`,
-    also where the source is not a recording.
-    """
-    if frames.recording is None:
+    if moments_s and frames.recording is None:
         raise InputError(
             expected=f"a recording ({RECORDING_SUFFIX}) with a moment for the reference",
             got=f"{frames.name}",
             remedy="drop the moment, or call take_reference() of the sensor while nothing touches",
         )
-    from ninedtact.recording.recorded_source import read_references_at_moments
+    if moments_s and frames.recording is not None:
+        from ninedtact.recording.recorded_source import read_references_at_moments
 
-    before = None if first is None else first.reference
-    return read_references_at_moments(frames.recording, moments_s, shape, check, before)
+        before = None if images.given is None else images.given.reference
+        images.at_moments = read_references_at_moments(frames.recording, moments_s, shape, check, before)
+    images.begin()
+    return Sensor(frames, shape, images, estimator)

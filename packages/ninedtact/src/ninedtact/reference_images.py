@@ -189,7 +189,9 @@ class ReferenceFollower:
         mean = self._mean + np.float32(share) * (reading.rectified.grey - self._mean)
         low, high = (self.taken.grey * np.float32(1 + sign * self.settings.max_change) for sign in (-1, 1))
         self._mean = np.clip(mean, low, high)
-        self._log_drift()
+        if abs(self.drift - self._logged) >= _LOGGED_STEP:
+            self._logged = self.drift
+            _LOG.info("the reference image has followed the light by %+.1f %% since it was taken", 100 * self.drift)
         return replace(self.taken, grey=self._mean, stamp_ns=now_ns)
 
     def with_settling_error(self, estimate: WrenchEstimate) -> WrenchEstimate:
@@ -240,9 +242,3 @@ class ReferenceFollower:
     @staticmethod
     def _seconds_since(then_ns: int | None, now_ns: int) -> float:
         return np.inf if then_ns is None else (now_ns - then_ns) / _NS_PER_S
-
-    def _log_drift(self) -> None:
-        drift = self.drift
-        if abs(drift - self._logged) >= _LOGGED_STEP:
-            self._logged = drift
-            _LOG.info("the reference image has followed the light by %+.1f %% since it was taken", 100 * drift)

@@ -84,24 +84,15 @@ def require_matching_force_source(source: str, force_torque: str | None, *kinds:
 
 
 @contextmanager
-def load_given_or_recorded_sensor(
-    sensor: "Path | str | SensorFolder | None", source: "str | FrameSource"
-) -> "Iterator[SensorFolder]":
-    """Load the sensor that is named, or else the one that a recording carries.
+def load_recorded_sensor(source: "str | FrameSource") -> "Iterator[SensorFolder]":
+    """Load the sensor that a recording carries, which stays usable when its files are deleted at the end of the block.
 
-    A sensor restored from a recording is deleted when the block ends; what was loaded from it stays usable. Raises
-    `InputError`, `SensorFolderDamaged`.
+    Raises `InputError` for another source, `SensorFolderDamaged`.
     """
     from tempfile import TemporaryDirectory
 
-    from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+    from ninedtact.calibration.sensor_folder import load_sensor
 
-    if isinstance(sensor, SensorFolder):
-        yield sensor
-        return
-    if sensor is not None:
-        yield load_sensor(sensor)
-        return
     recording = source.recording if not isinstance(source, str) else source if is_recording_address(source) else None
     if recording is None:
         name = source if isinstance(source, str) else source.name

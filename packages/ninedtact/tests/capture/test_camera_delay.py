@@ -103,12 +103,8 @@ def test_a_terminal_is_inverted_and_one_that_is_none_is_refused() -> None:
 
 def test_images_that_do_not_follow_the_light_give_no_delay() -> None:
     switches_s, stamps_s, grey = blinking(0.03, 0.01, 30)
-    with pytest.raises(CameraError, match=r"change by 0\.0"):
-        estimate_delay(switches_s, stamps_s, np.full(len(grey), 80.0))
     with pytest.raises(CameraError, match="follow the light"):
         estimate_delay(switches_s, stamps_s, np.random.default_rng(0).permutation(grey))
-    with pytest.raises(CameraError, match="measure longer"):
-        estimate_delay(switches_s[:3], stamps_s[:20], grey[:20])
 
 
 def test_the_command_finds_the_delay_of_the_simulated_camera(capsys: pytest.CaptureFixture[str]) -> None:
@@ -187,26 +183,10 @@ def test_a_camera_that_is_lost_ends_the_measurement_with_the_light_off(tmp_path:
     assert len(light.switched_ns) % 2 == 1
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        (
-            CameraSettings(
-                auto_exposure=False, exposure_ms=8.3, gain=4, auto_white_balance=False, white_balance_k=4600
-            ),
-            "exposure 8.3 ms, fixed; gain 4; white balance 4600 K, fixed",
-        ),
-        (
-            CameraSettings(exposure_ms=8.3, gain=0, white_balance_k=4600),
-            "exposure 8.3 ms, fixed; gain 0; white balance 4600 K, fixed",
-        ),
-        (
-            CameraSettings(auto_exposure=True, auto_white_balance=True),
-            "automatic exposure; gain not reported; automatic white balance",
-        ),
-        (FIXED_EXPOSURE, "exposure not reported; gain not reported; white balance not reported"),
-        (CameraSettings(), "exposure not reported; gain not reported; white balance not reported"),
-    ],
-)
-def test_settings_are_printed_as_the_camera_reports_them(settings: CameraSettings, said: str) -> None:
-    assert describe_camera_settings(settings) == said
+def test_settings_are_printed_as_the_camera_reports_them() -> None:
+    fixed = CameraSettings(exposure_ms=8.3, gain=0, white_balance_k=4600)
+    assert describe_camera_settings(fixed) == "exposure 8.3 ms, fixed; gain 0; white balance 4600 K, fixed"
+    automatic = CameraSettings(auto_exposure=True, auto_white_balance=True)
+    assert describe_camera_settings(automatic) == "automatic exposure; gain not reported; automatic white balance"
+    unknown = "exposure not reported; gain not reported; white balance not reported"
+    assert describe_camera_settings(FIXED_EXPOSURE) == describe_camera_settings(CameraSettings()) == unknown

@@ -1,7 +1,5 @@
 """A setting is read back, and refused if the camera did not take it; a refusal leaves nothing open."""
 
-import os
-import sys
 import time
 from functools import partial
 
@@ -211,16 +209,3 @@ def test_a_device_is_neither_read_nor_asked_after_its_release() -> None:
         with pytest.raises(SourceNotOpen, match="expected camera 0 to be open"):
             use()
     assert bench.held == 0
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no Video4Linux")
-def test_a_camera_is_opened_through_video4linux_and_may_be_silent_for_two_seconds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    opened: list[tuple[int | str, int]] = []
-    bench = BenchCamera()
-    monkeypatch.setattr("cv2.VideoCapture", lambda *arguments: opened.append(arguments) or bench.open_capture(0))
-    monkeypatch.delenv("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", raising=False)
-    with UvcCamera(3) as camera:
-        camera.read()
-    assert opened == [(3, cv2.CAP_V4L2)] and os.environ["OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT"] == "2"

@@ -192,16 +192,15 @@ def test_the_kernel_is_asked_what_a_device_delivers_and_how_long_it_may_expose(
         )
 
 
-def test_why_a_camera_does_not_open_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("getpass.getuser", lambda: "ada")
-    monkeypatch.setattr("ninedtact.capture.uvc_camera.list_cameras", list)
-    absent = BenchCamera(plugged_in=False)
-    for device, is_permitted, said in (
-        (987, True, "got no device /dev/video987; plug it in, or name another \\(this machine has no camera at all\\)"),
-        ("/dev/null", True, "got a refusal from /dev/null; close the other program"),
-        ("/dev/null", False, "got no permission for /dev/null; run `sudo usermod -aG video ada`"),
+def test_why_a_camera_does_not_open_is_told(tmp_path: Path) -> None:
+    absent, locked = BenchCamera(plugged_in=False), tmp_path / "locked"
+    locked.touch(mode=0o000)
+    permission = f"got no permission for {locked}; run `sudo usermod -aG video "
+    for device, said in (
+        (987, "got no device /dev/video987; plug it in, or name another \\(this machine has"),
+        ("/dev/null", "got a refusal from /dev/null; close the other program"),
+        (str(locked), permission if os.geteuid() else f"got a refusal from {locked}"),
     ):
-        monkeypatch.setattr("os.access", lambda path, mode, is_permitted=is_permitted: is_permitted and mode == 6)
         with pytest.raises(CameraError, match=f"expected camera {device} to open, {said}"):
             UvcCamera(device, opener=absent.open_capture).open()
     assert absent.held == 0
@@ -295,15 +294,11 @@ def test_a_camera_that_regulates_itself_is_pointed_out() -> None:
 def test_uneven_times_between_images_are_jitter() -> None:
     source = HandFed()
     for number in range(40):
-        source.show(level=number, stamp_ns=1_000_000_000 + number * 10_000_000 + (number % 2) * 2_000_000)
-    rate = measure_frame_rate(source, frames=35)
-    assert rate.jitter_ms == pytest.approx(2.0, rel=0.01)  # 12 and 8 ms in turn
-    assert rate.true_hz == pytest.approx(100, rel=0.01) and rate.duplicates == 0
+        source.show(level=number, stamp_ns=number * 10_000_000 + (number % 2) * 2_000_000)
+    assert measure_frame_rate(source, frames=35).jitter_ms == pytest.approx(2.0, rel=0.01)  # 12 and 8 ms in turn
 
 
-def test_an_extra_is_installed_from_a_checkout_and_by_name_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_extra_is_installed_from_a_checkout() -> None:
     packages = ROOT / "packages"
     here = f"pip install -e '{packages}/ninedtact[studio]' -e '{packages}/ninedtact-train[training]'"
     assert installation_command("studio,train") == here
-    monkeypatch.setattr("ninedtact._version._is_checkout", lambda folder: False)
-    assert installation_command("studio,train") == "pip install 'ninedtact[studio,train]'"

@@ -60,11 +60,6 @@ def test_the_last_bytes_count_too(tmp_path: Path, suffix: str) -> None:
         assert read_or_refuse(WHOLE[suffix][:-missing], tmp_path) is None
 
 
-def test_bytes_inserted_among_the_pixels_are_refused(tmp_path: Path) -> None:
-    content = WHOLE[".bmp"]
-    assert read_or_refuse(content[:500] + b"inserted" + content[500:], tmp_path) is None
-
-
 @FUZZ
 @given(
     suffix=st.sampled_from(sorted(WHOLE)), flips=st.lists(st.integers(0, 10**6), min_size=1, max_size=6, unique=True)

@@ -16,7 +16,7 @@ from small_sensor import sensor_folder, skin
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.cli.live import Live
 from ninedtact.errors import InputError
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 

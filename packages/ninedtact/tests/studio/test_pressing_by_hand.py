@@ -27,8 +27,8 @@ from ninedtact.force.traction.observation import HeightObservationModel
 from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.open_sensor import assemble_live_sensor
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand

@@ -34,7 +34,7 @@ from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.live.reading_recorder import RecordedSensorMetadata, RecorderState
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import WrenchHistory
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable

@@ -5,9 +5,9 @@ single keys and shows how many pairs of which forces were saved, are missing, or
 import os
 import select
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -53,32 +53,30 @@ _USUAL_COLUMNS = 80
 _READ_BYTES = 64
 
 
-class KeyReader:
-    """Reads standard input without waiting: single keys at a terminal, characters of a pipe without one."""
-
-    def __init__(self, descriptor: int | None) -> None:
-        self._descriptor = descriptor
-
-    def read_keys(self) -> str:
-        """Return what was typed since the last call; empty for nothing, and after the end of the input."""
-        if self._descriptor is None or not select.select([self._descriptor], [], [], 0)[0]:
-            return ""
-        typed = os.read(self._descriptor, _READ_BYTES)
-        if not typed:
-            self._descriptor = None
-        return typed.decode(errors="ignore")
-
-
 @contextmanager
-def open_key_reader() -> Iterator[KeyReader]:
-    """Read keys one by one while the block runs; restore the terminal when it ends."""
+def open_key_reader() -> Iterator[Callable[[], str]]:
+    """Yield a function that returns what was typed since its last call, without waiting.
+
+    At a terminal it reads single keys while the block runs, without one the characters of a pipe.
+    """
     try:
         descriptor = sys.stdin.fileno()
     except (OSError, ValueError, AttributeError):  # no input at all, or one that a test took away
-        yield KeyReader(None)
+        yield str
         return
+
+    is_open = True
+
+    def read_keys() -> str:
+        nonlocal is_open
+        if not is_open or not select.select([descriptor], [], [], 0)[0]:
+            return ""
+        typed = os.read(descriptor, _READ_BYTES)
+        is_open = bool(typed)
+        return typed.decode(errors="ignore")
+
     if not os.isatty(descriptor):
-        yield KeyReader(descriptor)
+        yield read_keys
         return
     import termios
     import tty
@@ -86,7 +84,7 @@ def open_key_reader() -> Iterator[KeyReader]:
     before = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
     try:
-        yield KeyReader(descriptor)
+        yield read_keys
     finally:
         with suppress(termios.error):
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
@@ -148,11 +146,11 @@ def histogram_lines(collector: "Collector") -> list[str]:
 
     low, high = collector.counts.limits * DISPLAY_FACTORS
     now = collector.newest.wrench.six * DISPLAY_FACTORS if collector.newest is not None else low * 0
-    lines = []
+    lines, counts = [], collector.counts.counts
     for axis in range(6):
         digits = 2 if axis < 3 else 1
         limits = [f"{limit[axis]:+6.{digits}f}" for limit in (low, high)]
-        bars = _bars(collector.counts.counts[axis])
+        bars = _bars(counts[axis])
         lines.append(
             f"  {WRENCH_AXES[axis]} {limits[0]} {bars} {limits[1]} {DISPLAY_UNITS[axis]:4} now {now[axis]:+8.{digits + 1}f}"
         )
@@ -166,7 +164,6 @@ def _bars(counts: "Array") -> str:
 
 
 def _missing_line(counts: "SavedPairCounts") -> str:
-    """Return the force ranges to collect next."""
     ranges = counts.missing_ranges()
     more = f" and {len(ranges) - _MISSING_SHOWN} more" if len(ranges) > _MISSING_SHOWN else ""
     return f"  missing: {', '.join(ranges[:_MISSING_SHOWN])}{more}" if ranges else "  every range has pairs"
@@ -215,8 +212,7 @@ class Collect:
         screen = CollectTerminalDisplay()
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, self.settings.checks, screen)
-            settings = replace(self.settings, camera_delay_ms=self._resolve_camera_delay_ms(folder, setup))
-            collector = self._collect(folder, settings, setup, screen)
+            collector = self._collect(folder, setup, self._resolve_camera_delay_ms(folder, setup), screen)
         return print_result(self.json, _to_json_dict(self.out, collector), _summary_lines(self.out, collector))
 
     def _setup(
@@ -256,7 +252,7 @@ class Collect:
         return 0.0
 
     def _collect(
-        self, folder: "SensorFolder", settings: CollectSettings, setup: "CollectSetup", screen: CollectTerminalDisplay
+        self, folder: "SensorFolder", setup: "CollectSetup", camera_delay_ms: float, screen: CollectTerminalDisplay
     ) -> "Collector":
         """Collect until the end and return the collector, its recording closed."""
         from ninedtact.recording.recorder import notify_partial_recording
@@ -264,20 +260,21 @@ class Collect:
 
         def should_stop(collector: "Collector") -> bool:
             has_enough = self.pairs is not None and len(collector.counts.pairs) >= self.pairs
-            return until.now or has_enough or not handle_collect_keys(keys.read_keys(), collector, screen)
+            return until.now or has_enough or not handle_collect_keys(read_keys(), collector, screen)
 
         with (
             stop_on_signal(self.seconds) as until,
             notify_partial_recording(self.out, print_notice),
-            open_key_reader() as keys,
+            open_key_reader() as read_keys,
         ):
             collector = collect_pairs(
                 setup,
                 self.out,
                 folder,
-                settings,
+                self.settings,
                 self.objects,
                 self.seed,
+                camera_delay_ms,
                 should_stop,
                 notify=screen.show_message,
                 on_progress=screen.show,
@@ -310,8 +307,8 @@ def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
         "out": str(out),
         "id": collector.writer.metadata.id,
         "pairs": len(counts.pairs),
-        "kinds": dict(+counts.kinds),
-        "objects": dict(+counts.objects),
+        "kinds": dict(counts.kinds),
+        "objects": dict(counts.objects),
         "refused": {fault.name.lower(): number for fault, number in collector.rejected.items()},
         "counts": {axis: row.tolist() for axis, row in zip(WRENCH_AXES, counts.counts, strict=True)},
         "missing": counts.missing_ranges(),
@@ -321,7 +318,7 @@ def _to_json_dict(out: Path, collector: "Collector") -> dict[str, Any]:
 def _summary_lines(out: Path, collector: "Collector") -> Iterator[str]:
     counts = collector.counts
     yield f"{out}: {len(counts.pairs)} pairs, {out.stat().st_size / 1e6:.1f} MB"
-    yield f"  {', '.join(f'{number} {kind}' for kind, number in counts.kinds.items() if number)}"
-    yield from (f"  {number:8d}  {name}" for name, number in counts.objects.items() if number)
+    yield f"  {', '.join(f'{number} {kind}' for kind, number in counts.kinds.items())}"
+    yield from (f"  {number:8d}  {name}" for name, number in counts.objects.items())
     for fault, number in collector.rejected.items():
         yield f"  {number} images not saved: {collector.fault_text(fault)}"

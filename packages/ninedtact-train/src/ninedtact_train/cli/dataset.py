@@ -9,25 +9,15 @@ import tyro
 
 from ninedtact.cli.result_and_interrupt import print_notices, print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
-from ninedtact.errors import DatasetError
 from ninedtact_train.dataset.build import BuildResult, BuildSettings, build_dataset
 from ninedtact_train.dataset.checks import PairCheckSettings
 from ninedtact_train.dataset.sources.source import SourceConventions
 
 if TYPE_CHECKING:
-    from ninedtact_train.dataset.statistics_and_card import DatasetStatistics
+    from ninedtact_train.dataset.dataset_card import DatasetStatistics
 
 _MOST_NAMES = 8
 """Names of a kind that are printed one by one."""
-
-
-class DatasetStopped(DatasetError):
-    """Ctrl-C ended the command before the data set was finished."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(
-            f"stopped by Ctrl-C; every file in {folder} is whole; run the command again to continue where it stopped"
-        )
 
 
 @dataclass(frozen=True)
@@ -47,18 +37,15 @@ class BuildDatasetCommand:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Build it and print what is in it; raises `DatasetStopped`, and `DatasetError` with `--strict`."""
+        """Build it and print what is in it; raises `DatasetError`, also with `--strict`."""
         from ninedtact.parallel_jobs import connect_workers
         from ninedtact_train.dataset.fault_report import PairFault, require_no_faults
-        from ninedtact_train.dataset.folder import REPORT_FILE
+        from ninedtact_train.dataset.folder import REPORT_FILE, interrupt_as_stopped
         from ninedtact_train.dataset.sources.find_sources import find_sources
 
-        try:
+        with interrupt_as_stopped(self.out), connect_workers(self.workers, self.cluster) as workers:
             sources = find_sources(self.sources, self.conventions)
-            with connect_workers(self.workers, self.cluster) as workers:
-                built = build_dataset(self.out, sources, self.settings, workers, progress=not self.json)
-        except KeyboardInterrupt:
-            raise DatasetStopped(self.out) from None
+            built = build_dataset(self.out, sources, self.settings, workers, progress=not self.json)
         print_result(self.json, _build_to_json_dict(built), _format_build(built))
         print_notices(finding.message for finding in built.report.findings if finding.fault is PairFault.MISSING_END)
         if self.strict:
@@ -81,7 +68,7 @@ class CheckDatasetCommand:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Check the pairs, write the list and print the counts; raises `DatasetError`, and `DatasetError` with `--strict`."""
+        """Check the pairs, write the list and print the counts; raises `DatasetError`, also with `--strict`."""
         from ninedtact.atomic_write import require_place_for_file
         from ninedtact_train.dataset.checks import check_dataset
         from ninedtact_train.dataset.fault_report import (
@@ -124,8 +111,8 @@ class ShowDatasetCommand:
 
     def run(self) -> int:
         """Count the pairs, draw some, and print the counts."""
+        from ninedtact_train.dataset.dataset_card import compute_dataset_statistics
         from ninedtact_train.dataset.folder import find_pair_files
-        from ninedtact_train.dataset.statistics_and_card import compute_dataset_statistics
 
         statistics = compute_dataset_statistics(find_pair_files(self.folder))
         preview = self._draw_preview() if self.pairs > 0 else None
@@ -141,14 +128,11 @@ class ShowDatasetCommand:
         return print_result(self.json, figures, _format_contents(self.folder, statistics, preview))
 
     def _draw_preview(self) -> Path:
-        """Write the image of some pairs and return its path."""
-        import cv2
-
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact_train.dataset.preview_image import render_preview
 
         path = self.preview or self.folder / "preview.png"
-        write_file_atomically(path, cv2.imencode(".png", render_preview(self.folder, self.pairs))[1].tobytes())
+        write_file_atomically(path, render_preview(self.folder, self.pairs))
         return path
 
 

@@ -10,7 +10,6 @@ from tyro.conf import arg
 
 from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.cli.shared_options import ClusterOption, DesignFileOption, JsonOption, read_design_or_default
-from ninedtact_train.cli.dataset import DatasetStopped
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 
 if TYPE_CHECKING:
@@ -36,22 +35,20 @@ class SimulateDatasetCommand:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Generate it and print how its wrenches compare with real ones; raises `DatasetStopped`."""
+        """Generate it and print how its wrenches compare with real ones; raises `DatasetError`."""
         from ninedtact.parallel_jobs import connect_workers
+        from ninedtact_train.dataset.folder import interrupt_as_stopped
         from ninedtact_train.dataset.generation.generate import generate_dataset
 
         settings = replace(self.settings, design=read_design_or_default(self.design_file))
-        try:
-            with connect_workers(self.workers, self.cluster) as workers:
-                result = generate_dataset(
-                    *(self.out, settings, workers),
-                    progress=not self.json,
-                    device=self.device,
-                    sessions_per_batch=self.sessions_per_batch,
-                    notify=_print_beside_progress_bar,
-                )
-        except KeyboardInterrupt:
-            raise DatasetStopped(self.out) from None
+        with interrupt_as_stopped(self.out), connect_workers(self.workers, self.cluster) as workers:
+            result = generate_dataset(
+                *(self.out, settings, workers),
+                progress=not self.json,
+                device=self.device,
+                sessions_per_batch=self.sessions_per_batch,
+                notify=_print_beside_progress_bar,
+            )
         return print_result(self.json, _generation_to_json_dict(result), _format_generation(result))
 
 

@@ -2,26 +2,46 @@
 or make a force model from simulation alone.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tyro
 
 from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.cli.shared_options import DesignFileOption, JsonOption, read_design_or_default
-from ninedtact.errors import ForceEstimationError, MissingLibraryError
-from ninedtact_train.dataset.held_out import HeldOutSettings
-from ninedtact_train.training.compute_settings import ComputeSettings
+from ninedtact.errors import MissingLibraryError
+from ninedtact.force.network_input import InputChannels, resize_input_settings
+from ninedtact_train.dataset.split import HeldOutSettings
+from ninedtact_train.training.settings import TRAINING_PRESETS, ComputeSettings, TrainingSettings
 
 if TYPE_CHECKING:
-    from ninedtact_train.training.settings import TrainingSettings
     from ninedtact_train.training.train import TrainingResult
     from ninedtact_train.workflows.force_model_from_simulation import ForceModelResult
 
 _REQUIRED_PACKAGES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
+
+
+def _optional_fields(settings: type, names: Sequence[str]) -> list[tuple[str, Any, None]]:
+    """Return fields of settings as options that are None where they are not given; their help is the description beside each."""
+    hints = get_type_hints(settings, include_extras=True)
+    help_texts = {name: next(meta.description for meta in hints[name].__metadata__) for name in names}
+    return [(name, Annotated[hints[name] | None, tyro.conf.arg(help=text)], None) for name, text in help_texts.items()]
+
+
+_CHANNELS = tuple(channels.name.lower() for channels in InputChannels)
+_PresetChanges: Any = make_dataclass(
+    "_PresetChanges",
+    [
+        *_optional_fields(TrainingSettings, ("network", "epochs", "batch", "learning_rate")),
+        ("channels", Annotated[Literal[_CHANNELS] | None, tyro.conf.arg(help="Input channels of the network.")], None),
+        ("size", Annotated[tuple[int, int] | None, tyro.conf.arg(help="Columns and rows of the input.")], None),
+    ],
+    frozen=True,
+)
+"""The options that change a preset."""
 
 
 @dataclass(frozen=True)
@@ -39,20 +59,7 @@ class Train:
     """Folder with a sensor folder for each sensor of the data, by name, for computing heights.
     By default the calibrations that the recordings of a data set carried are used, and simulated sensors are calibrated from their
     own simulated images."""
-    network: str | None = None
-    """moments, densenet121 or densenet169."""
-    channels: Literal["heights", "heights_and_gel", "heights_and_sensor", "physics", "deformation", "mixed"] | None = (
-        None
-    )
-    """Input channels of the network."""
-    size: tuple[int, int] | None = None
-    """Columns and rows of the input."""
-    epochs: int | None = None
-    """Number of passes over all pairs."""
-    batch: int | None = None
-    """Pairs in a training step."""
-    learning_rate: float | None = None
-    """Learning rate; the highest one where the preset varies it."""
+    changes: Annotated[_PresetChanges, tyro.conf.arg(name="")] = _PresetChanges()
     held_out: Annotated[HeldOutSettings, tyro.conf.arg(name="")] = HeldOutSettings()
     name: str = "network"
     """Name of the model."""
@@ -66,13 +73,14 @@ class Train:
     def run(self) -> int:
         """Train, and print the scores on the held-out pairs."""
         _require_training_packages()
-        self._require_inputs()  # at once: importing torch takes seconds
-        from ninedtact_train.workflows.dataset_training import train_on_dataset
+        settings = self.settings()
+        self._require_inputs(settings)  # at once: importing torch takes seconds
+        from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset, train_on_dataset
 
         trained = train_on_dataset(
             self.data,
             self.out,
-            self.settings(),
+            match_input_width_to_dataset(settings, self.data, self.sensors),
             self.held_out,
             sensors=self.sensors,
             workers=self.workers,
@@ -88,9 +96,8 @@ class Train:
             else print_result(self.json, _result_to_json(trained), _format_training_result(trained))
         )
 
-    def _require_inputs(self) -> None:
+    def _require_inputs(self, settings: TrainingSettings) -> None:
         """Raise `FileFormatError` without data, and `CalibrationError` where heights lack one."""
-        from ninedtact.force.network_input import InputChannels
         from ninedtact_train.dataset.folder import find_pair_files
         from ninedtact_train.dataset.split import read_split
         from ninedtact_train.workflows.dataset_calibrations import require_sensor_calibrations
@@ -98,29 +105,19 @@ class Train:
         if self.held_out.split is not None:
             read_split(self.held_out.split)
         find_pair_files(self.data)
-        of_heights = InputChannels[self.channels.upper()].of_heights if self.channels else self.preset != "paper"
-        if of_heights:
+        if settings.input.channels.of_heights:
             require_sensor_calibrations(self.data, self.sensors, ", or train on images: --channels deformation")
 
-    def settings(self) -> "TrainingSettings":
+    def settings(self) -> TrainingSettings:
         """Return the preset with these options; raises `InputError`."""
-        from ninedtact.force.network_input import InputChannels, resize_input_settings
-        from ninedtact_train.training.settings import TRAINING_PRESETS
-        from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset
-
         preset = TRAINING_PRESETS[self.preset]
+        changes = {name: value for name, value in vars(self.changes).items() if value is not None}
         grid = preset.input
-        if self.channels is not None:
-            grid = replace(grid, channels=InputChannels[self.channels.upper()])
-        if self.size is not None:
-            grid = resize_input_settings(grid, self.size)
-        options = {
-            name: getattr(self, name)
-            for name in ("network", "epochs", "batch", "learning_rate")
-            if getattr(self, name) is not None
-        }
-        settings = replace(preset, input=grid, seed=self.held_out.seed, **options)
-        return match_input_width_to_dataset(settings, self.data, self.sensors)
+        if channels := changes.pop("channels", None):
+            grid = replace(grid, channels=InputChannels[channels.upper()])
+        if size := changes.pop("size", None):
+            grid = resize_input_settings(grid, size)
+        return replace(preset, input=grid, seed=self.held_out.seed, **changes)
 
 
 def _require_training_packages() -> None:
@@ -137,7 +134,6 @@ def _require_training_packages() -> None:
 
 
 def _result_to_json(trained: "TrainingResult") -> dict[str, Any]:
-    """Return the result as plain values for JSON."""
     training = trained.model.card.training
     return {
         "model": str(trained.path),
@@ -150,7 +146,6 @@ def _result_to_json(trained: "TrainingResult") -> dict[str, Any]:
 
 
 def _format_training_result(trained: "TrainingResult") -> Iterator[str]:
-    """Yield the lines of a report for a terminal."""
     from ninedtact_train.evaluation.report import format_evaluation_report
 
     training = trained.model.card.training
@@ -204,24 +199,20 @@ class _MakeForceModel:
     json: JsonOption = False
 
     def run(self) -> int:
-        """Do all steps that are not done yet; raises `ForceEstimationError`."""
+        """Do all steps that are not done yet; raises `DatasetError`."""
         _require_training_packages()
+        from ninedtact_train.dataset.folder import interrupt_as_stopped
         from ninedtact_train.workflows.force_model_from_simulation import RECIPES, make_force_model
 
         recipe = replace(RECIPES[self.recipe], design=read_design_or_default(self.design_file))
-        try:
+        with interrupt_as_stopped(self.out):
             made = make_force_model(
-                self.out,
-                recipe,
+                *(self.out, recipe),
                 name=self.name,
                 workers=self.workers,
                 progress=not self.json,
                 notify=print_notice,
             )
-        except KeyboardInterrupt:
-            raise ForceEstimationError(
-                f"stopped by Ctrl-C; no file in {self.out} is incomplete; run the command again to continue"
-            ) from None
         figures = {"model": str(made.model), "card": str(made.card_file), "evaluation": made.card.evaluation}
         return print_result(self.json, figures, _format_made_model(made))
 
@@ -232,7 +223,6 @@ Model = (
 
 
 def _format_made_model(made: "ForceModelResult") -> Iterator[str]:
-    """Yield the card, and how to try the model."""
     from ninedtact_train.evaluation.model_card_markdown import format_model_card
 
     yield format_model_card(made.card)

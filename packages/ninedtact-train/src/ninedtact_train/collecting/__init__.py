@@ -2,6 +2,6 @@
 
 In go merged frames and force/torque samples (`merge_streams`); out come labelled images in a recording, which
 `recording.collected_pairs` reads. Read `collector` first, whose `collect_pairs` does all of it. `pair_selection` has all limits,
-selects the moments that are saved and counts the pairs by force, `tare_and_reference` takes the reference images and the zero of
+selects the moments that are saved and counts the pairs by force, `collection_tare` takes the reference images and the zero of
 the force/torque sensor, `collection_sources` opens the camera and the force/torque sensor.
 """

@@ -90,6 +90,5 @@ def read_recorded_pairs(recording: Path | str) -> Iterator[RecordedPair]:
 
 
 def _read_only(image: Array) -> Array:
-    """Make an image read-only and return it."""
     image.flags.writeable = False
     return image

@@ -114,7 +114,9 @@ def collection_setup_from_recordings(
     """
     device = CheckedWrenchSource(DeviceFrameWrenchSource(RecordedWrenchSource(wrenches), mount), checks)
     with Recording(images) as recording, Recording(wrenches) as measured:
-        metadata, apart_ns = recording.metadata, _wall_clock_difference_ns(recording, measured)
+        metadata = recording.metadata
+        # The monotonic clock begins anew with each start of a computer.
+        apart_ns = metadata.wall_minus_monotonic_ns - measured.metadata.wall_minus_monotonic_ns
     if abs(apart_ns) > _SAME_CLOCK_NS:
         raise InputError(
             expected="recordings of images and wrenches that were made together on one computer",
@@ -129,11 +131,6 @@ def collection_setup_from_recordings(
         recorded_camera=metadata.source,
         camera_delay_ms=metadata.camera_delay_ms,
     )
-
-
-def _wall_clock_difference_ns(one: Recording, other: Recording) -> int:
-    """Return by how much wall minus monotonic clock differs; the monotonic clock begins anew with each start of a computer."""
-    return one.metadata.wall_minus_monotonic_ns - other.metadata.wall_minus_monotonic_ns
 
 
 def build_simulated_collect_setup(
@@ -165,7 +162,6 @@ def _simulate_script(twin: Twin, names: Sequence[str], touches: int, seed: int) 
 
 
 def _random_touch(twin: Twin, indenter: Indenter, rng: np.random.Generator) -> Trajectory:
-    """Return one touch with random load, position, drag, twist and tilt."""
     load_n = float(rng.uniform(*_LOADS_N))
     depth_mm = ScriptedPress(load_n=load_n).simulate(twin, indenter, solver_settings=None).pose.depth_mm
     x, y = rng.uniform(-_OFFSET_MM, _OFFSET_MM, 2) * (1, 0.7)

@@ -28,6 +28,7 @@ from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, R
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import FindReferenceFaults
 from ninedtact_train.collecting.collection_sources import CollectSetup
+from ninedtact_train.collecting.collection_tare import TareInProgress, TareResult
 from ninedtact_train.collecting.merge_streams import MergedArrival
 from ninedtact_train.collecting.pair_selection import (
     CollectSettings,
@@ -42,7 +43,6 @@ from ninedtact_train.collecting.sample_faults import (
     SampleFault,
     SampleFaultHistory,
 )
-from ninedtact_train.collecting.tare_and_reference import TareInProgress, TareResult
 from ninedtact_train.collecting.training_pair_rule import SamplingRule
 
 COLLECTED_TOPICS = (Topic.IMAGES, Topic.REFERENCE, Topic.MEASURED, Topic.LABELS)
@@ -93,7 +93,6 @@ class WrenchHistory:
 
 
 def _numbered_objects() -> Iterator[str]:
-    """Yield object_001, object_002 and so on."""
     return (f"object_{number:03d}" for number in count(1))
 
 
@@ -106,6 +105,9 @@ class Collector:
     objects: Iterator[str] = field(default_factory=_numbered_objects)
     """Names of the objects, in turn."""
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
+    camera_delay_ms: float = 0.0
+    """How long before its stamp an image shows the skin: half the exposure, and the transfer to the computer. It is negative for a
+    camera that stamps the beginning of a long exposure."""
     find_reference_faults: FindReferenceFaults = lambda _: ()
     notify: Callable[[str], None] = lambda _: None
     """Receives a sentence for the person who collects."""
@@ -245,7 +247,7 @@ class Collector:
             self._decide(*self._pending.popleft())
 
     def _exposed_ns(self, frame: Frame) -> int:
-        return frame.stamp_ns - int(self.settings.camera_delay_ms * 1e6)
+        return frame.stamp_ns - int(self.camera_delay_ms * 1e6)
 
     def _decide(self, frame: Frame, name: str) -> None:
         assert self.reference is not None
@@ -306,6 +308,7 @@ def collect_pairs(
     settings: CollectSettings = CollectSettings(),
     objects: Sequence[str] = (),
     seed: int | None = None,
+    camera_delay_ms: float = 0.0,
     should_stop: Callable[[Collector], bool] = lambda collector: False,
     notify: Callable[[str], None] = lambda sentence: None,
     on_progress: Callable[[Collector], None] = lambda collector: None,
@@ -313,9 +316,10 @@ def collect_pairs(
     """Collect training pairs into a new MCAP file until `should_stop` is true or the sources end; return the collector.
 
     sensor: its folder is attached to the file. objects: their names in turn; after the last, object_001, object_002 and so on.
-    seed: of the load below which the first pair of each contact is saved; None for a random one. should_stop: called before every
-    image and sample, and while none arrives; it may also begin the next object, undo a contact or take a tare. notify: receives a
-    sentence for the person who collects. on_progress: called after every image and sample.
+    seed: of the load below which the first pair of each contact is saved; None for a random one. camera_delay_ms: how long before
+    its stamp an image shows the skin. should_stop: called before every image and sample, and while none arrives; it may also begin
+    the next object, undo a contact or take a tare. notify: receives a sentence for the person who collects. on_progress: called
+    after every image and sample.
 
     Raises `OutputError`, `RecordingStopped` and what a lost device raises; every pair that was saved before is kept.
     """
@@ -325,7 +329,7 @@ def collect_pairs(
         purpose="collect",
         source=setup.camera.name,
         force_torque=setup.force_torque.name,
-        settings=json.dumps(asdict(settings)),
+        settings=json.dumps({**asdict(settings), "camera_delay_ms": camera_delay_ms}),
         camera_delay_ms=setup.camera_delay_ms,
         wall_minus_monotonic_ns=wall_minus_monotonic_ns() if ahead_ns is None else ahead_ns,
     )
@@ -335,6 +339,7 @@ def collect_pairs(
         settings,
         chain(objects, _numbered_objects()),
         np.random.default_rng(seed),
+        camera_delay_ms,
         load_reference_image_checker(sensor).find_faults,
         notify,
     )

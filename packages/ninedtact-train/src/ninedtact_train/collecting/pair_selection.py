@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int
 from msgspec import Meta
 from numpy import ndarray as Array
 from tyro.conf import Suppress, arg
@@ -18,11 +18,11 @@ from tyro.conf import Suppress, arg
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
-from ninedtact.errors import InputError
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Frame, Wrench
 from ninedtact.recording.topics_and_messages import PairLabel
 from ninedtact_train.collecting.collected_pairs import PairKind
 from ninedtact_train.collecting.training_pair_rule import (
+    PairKindShares,
     SamplingRule,
     SamplingRuleSettings,
     SixFloats,
@@ -41,30 +41,34 @@ class SavedPairCounts:
 
     ranges: SixFloats
     pairs: list[PairLabel] = field(default_factory=list)
-    kinds: Counter[str] = field(default_factory=Counter)
-    objects: Counter[str] = field(default_factory=Counter)
-    counts: Array = field(default_factory=lambda: np.zeros((6, _BINS), int))
-    """Pairs in each of the twelve bins of each axis; values beyond the range count in the last bin."""
 
     def add(self, pair: PairLabel) -> None:
         """Count one more saved pair."""
         self.pairs.append(pair)
-        self._count(pair, +1)
 
     def undo(self, contact: str) -> int:
         """Remove the pairs of a contact and return their number."""
-        undone = [pair for pair in self.pairs if pair.contact == contact]
+        before = len(self.pairs)
         self.pairs = [pair for pair in self.pairs if pair.contact != contact]
-        for pair in undone:
-            self._count(pair, -1)
-        return len(undone)
+        return before - len(self.pairs)
 
-    def _count(self, pair: PairLabel, by: int) -> None:
-        self.kinds[pair.kind] += by
-        self.objects[pair.object] += by
+    @property
+    def kinds(self) -> Counter[str]:
+        """Number of pairs of each kind."""
+        return Counter(pair.kind for pair in self.pairs)
+
+    @property
+    def objects(self) -> Counter[str]:
+        """Number of pairs of each object."""
+        return Counter(pair.object for pair in self.pairs)
+
+    @property
+    def counts(self) -> Int[Array, "6 bins"]:
+        """Number of pairs in each of the twelve bins of each axis; values beyond the range count in the last bin."""
         low, high = self.limits
-        bins = ((pair.wrench.six - low) / (high - low) * _BINS).astype(int).clip(0, _BINS - 1)
-        self.counts[np.arange(6), bins] += by
+        wrenches = np.array([pair.wrench.six for pair in self.pairs]).reshape(-1, 6)
+        bins = ((wrenches - low) / (high - low) * _BINS).astype(int).clip(0, _BINS - 1)
+        return (bins[..., None] == np.arange(_BINS)).sum(0)
 
     @property
     def limits(self) -> Float64[Array, "2 6"]:
@@ -78,17 +82,14 @@ class SavedPairCounts:
 
     def missing_ranges(self) -> list[str]:
         """Return the ranges that hold hardly any pairs, as text."""
-        return [text for axis in range(6) for text in self._missing_ranges_of(axis)]
-
-    def _missing_ranges_of(self, axis: int) -> list[str]:
-        low, high = self.limits[:, axis] * DISPLAY_FACTORS[axis]
-        edges = np.linspace(low, high, _BINS + 1)
-        scarce = self.counts[axis] <= _SCARCE_FRACTION * max(len(self.pairs), 1)
-        borders = np.flatnonzero(np.diff(np.concatenate([[False], scarce, [False]]).astype(int))).reshape(-1, 2)
-        return [
-            f"{WRENCH_AXES[axis]} {edges[one]:.3g} to {edges[other]:.3g} {DISPLAY_UNITS[axis]}"
-            for one, other in borders
-        ]
+        texts = []
+        scarce = self.counts <= _SCARCE_FRACTION * max(len(self.pairs), 1)
+        for axis, (low, high) in enumerate(self.limits.T * DISPLAY_FACTORS[:, None]):
+            edges = np.linspace(low, high, _BINS + 1)
+            borders = np.flatnonzero(np.diff(scarce[axis].astype(int), prepend=0, append=0)).reshape(-1, 2)
+            name, unit = WRENCH_AXES[axis], DISPLAY_UNITS[axis]
+            texts += [f"{name} {edges[one]:.3g} to {edges[other]:.3g} {unit}" for one, other in borders]
+        return texts
 
 
 @dataclass(frozen=True)
@@ -97,19 +98,13 @@ class CollectSettings:
 
     rule: Annotated[SamplingRuleSettings, arg(name="")] = SamplingRuleSettings()
     """The sampling rule of the paper for pairs within a contact."""
+    shares: Annotated[PairKindShares, arg(name="")] = PairKindShares()
     checks: Annotated[SampleCheckSettings, arg(name="")] = SampleCheckSettings()
     """Which samples of the force/torque sensor are rejected."""
     tare: Annotated[TareSettings, Suppress] = TareSettings()
     """How the zero of the force/torque sensor is measured."""
     tolerance_ms: Annotated[float, Meta(gt=0, le=1e6)] = 10.0
     """Largest distance in time of the force/torque samples before and after an image; the wrench is interpolated."""
-    camera_delay_ms: Annotated[float, Meta(ge=-1e6, le=1e6), Suppress] = 0.0
-    """How long before its stamp an image shows the skin: half the exposure, and the transfer to the computer. It is negative for a
-    camera that stamps the beginning of a long exposure."""
-    no_contact: Annotated[float, Meta(ge=0)] = 0.03
-    """Fraction of pairs without contact."""
-    light_touch: Annotated[float, Meta(ge=0)] = 0.05
-    """Fraction of pairs whose load is below the start of the sampling rule."""
     reference_images: Annotated[int, Meta(ge=1)] = 10
     """Number of reference images (no contact) before the first touch and at every tare."""
     rest: tuple[_Limit, _Limit, _Limit, _Limit, _Limit, _Limit] = (0.2, 0.2, 0.2, 0.015, 0.015, 0.01)
@@ -119,12 +114,6 @@ class CollectSettings:
 
     def __post_init__(self) -> None:
         require_within_bounds(self)
-        if self.no_contact + self.light_touch >= 1:
-            raise InputError(
-                expected="fractions without contact and with a light touch that are together below 1",
-                got=f"{self.no_contact} and {self.light_touch}",
-                remedy="correct them",
-            )
 
     @property
     def decision_delay_ns(self) -> int:
@@ -222,7 +211,7 @@ class PairSelector:
 
     def _is_wanted(self, kind: PairKind, candidate: ImageWrenchCandidate, counts: SavedPairCounts) -> bool:
         """Return whether there are too few pairs of a kind, and the last one was saved long enough ago."""
-        fraction = self.settings.light_touch if kind == "light_touch" else self.settings.no_contact
+        fraction = getattr(self.settings.shares, kind)
         is_soon = candidate.frame.stamp_ns - self.last_ns.get(kind, 0) < _MIN_INTERVAL_NS[kind]
         if is_soon or counts.kinds[kind] >= fraction * (len(counts.pairs) + 1):
             return False

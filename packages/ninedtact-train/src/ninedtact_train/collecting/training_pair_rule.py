@@ -59,6 +59,25 @@ class SamplingRuleSettings:
             )
 
 
+@dataclass(frozen=True)
+class PairKindShares:
+    """The shares of pairs without contact and with a light touch, which the paper's sampling rule would not collect."""
+
+    no_contact: Annotated[float, Meta(ge=0)] = 0.03
+    """Share of pairs in which nothing touches and the wrench is zero."""
+    light_touch: Annotated[float, Meta(ge=0)] = 0.05
+    """Share of pairs whose load is below that of a light touch."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds(self, "shares")
+        if self.no_contact + self.light_touch > 1:
+            raise InputError(
+                expected="shares that are together at most 1",
+                got=f"{self.no_contact} without contact and {self.light_touch} touching lightly",
+                remedy="correct them",
+            )
+
+
 @dataclass
 class SamplingRule:
     """The rule applied to a sequence of wrenches; it remembers the wrenches that it kept in the current contact.

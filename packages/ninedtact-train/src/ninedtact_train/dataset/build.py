@@ -7,6 +7,7 @@ with the same arguments: it makes the parts that are missing and ends with the s
 """
 
 import shutil
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
@@ -24,6 +25,12 @@ from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact_train.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks
+from ninedtact_train.dataset.dataset_card import (
+    DatasetStatistics,
+    compute_dataset_statistics,
+    format_build_card,
+    require_licence_name,
+)
 from ninedtact_train.dataset.fault_report import (
     PairFault,
     PairFinding,
@@ -32,23 +39,30 @@ from ninedtact_train.dataset.fault_report import (
     require_any_usable_pair,
     write_quality_report,
 )
-from ninedtact_train.dataset.folder import DatasetFolder, begin_or_resume_dataset, make_folder, to_json_bytes
+from ninedtact_train.dataset.folder import (
+    CARD_FILE,
+    REFERENCES_FILE,
+    REPORT_FILE,
+    SENSOR_FOLDERS,
+    SENSORS_FILE,
+    begin_or_resume_dataset,
+    find_pair_files,
+    make_folder,
+    pair_file,
+    to_json_bytes,
+)
 from ninedtact_train.dataset.parquet_files import (
     copy_pairs_without_rows,
+    escape_invalid_utf8,
     iterate_rows,
     stored_image_bytes,
     write_pair_file,
     write_reference_images_file,
 )
-from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, escape_invalid_utf8
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem
 from ninedtact_train.dataset.sources.source import Source, SourcePart
-from ninedtact_train.dataset.statistics_and_card import (
-    DatasetStatistics,
-    compute_dataset_statistics,
-    format_build_card,
-    require_licence_name,
-)
 
+_PARTS_FOLDER = "parts"
 _Value = TypeVar("_Value")
 
 
@@ -86,20 +100,18 @@ def build_dataset(
     """Build a data set from sources, or continue a build that was stopped.
 
     out: folder of the data set: new, empty, or begun with the same sources and settings. workers: number of processes, or a cluster
-    whose workers read the sources at the same paths. Raises `InputError`, `OutputError`, `DatasetError`,
-    `FileNotWritten`, `InputError`.
+    whose workers read the sources at the same paths. Raises `InputError`, `OutputError`, `DatasetError`, `FileNotWritten`.
     """
     require_workers(workers)
     if isinstance(workers, Cluster):
         _require_absolute_paths(sources)
-    folder = DatasetFolder(out)
-    parts = [part for source in sources for part in source.parts()]
-    begin_or_resume_dataset(folder, _identify_build(sources, settings), [source.path for source in sources])
-    if not folder.is_finished:
-        _make_missing_parts(folder, sources, parts, settings, workers, progress)
-        _combine_parts(folder, sources, len(parts), settings)
-    _remove_parts(folder)
-    return BuildResult(out, read_quality_report(folder.report), _folder_statistics(folder))
+    begin_or_resume_dataset(out, _identify_build(sources, settings), [source.path for source in sources])
+    if not (out / CARD_FILE).is_file():
+        files = _make_parts(out / _PARTS_FOLDER, sources, settings, workers, progress)
+        _combine_parts(out, sources, files, settings)
+    shutil.rmtree(out / _PARTS_FOLDER, ignore_errors=True)
+    statistics = compute_dataset_statistics(find_pair_files(out))
+    return BuildResult(out, read_quality_report(out / REPORT_FILE), statistics)
 
 
 def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[str, Any]:
@@ -113,28 +125,21 @@ def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[
     return {**asdict(settings), **described}
 
 
-def _make_missing_parts(
-    folder: DatasetFolder,
-    sources: Sequence[Source],
-    parts: Sequence[SourcePart],
-    settings: BuildSettings,
-    workers: Workers,
-    progress: bool,
-) -> None:
-    """Make the parts that no earlier run made, in any order."""
+def _make_parts(
+    folder: Path, sources: Sequence[Source], settings: BuildSettings, workers: Workers, progress: bool
+) -> list["_PartFiles"]:
+    """Make the parts that no earlier run made, in any order; return the files of all parts."""
     from tqdm import tqdm
 
-    make_folder(folder.parts)
-    paths = {source.name: _source_paths(source) for source in sources}
-    jobs = [
-        (part, paths[part.source], number, settings.checks)
-        for number, part in enumerate(parts)
-        if not _PartFiles(folder.parts, number).is_made
-    ]
+    make_folder(folder)
+    parts = [(part, _source_paths(source)) for source in sources for part in source.parts()]
+    files = [_PartFiles(folder, number) for number in range(len(parts))]
+    jobs = [(*part, file.number, settings.checks) for part, file in zip(parts, files, strict=True) if not file.is_made]
     with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
-        for _, pairs in run_writing_jobs(_make_part, folder.parts, jobs, workers):
+        for _, pairs in run_writing_jobs(_make_part, folder, jobs, workers):
             bar.set_postfix(pairs=pairs, refresh=False)
             bar.update()
+    return files
 
 
 @dataclass(frozen=True)
@@ -175,7 +180,6 @@ class _PartReader:
     """Separates the rows of a part from its reference images and from what is rejected."""
 
     part: SourcePart
-    file: str
     references: dict[str, ReferenceImage] = field(default_factory=dict)
     findings: list[PairFinding] = field(default_factory=list)
 
@@ -184,7 +188,7 @@ class _PartReader:
         number = 0
         for item in self.part.items():
             if isinstance(item, ReferenceImage):
-                self.references.setdefault(item.id, item)
+                self.references.setdefault(item.reference_id, item)
             elif isinstance(item, RejectedItem):
                 self._add_finding(item.fault, item.id, item.message)
             else:
@@ -195,7 +199,7 @@ class _PartReader:
 
     def _add_finding(self, fault: PairFault, name: str, message: str, row: int | None = None) -> None:
         texts = escape_invalid_utf8(name), escape_invalid_utf8(message)
-        self.findings.append(PairFinding(fault, *texts, row, self.file))
+        self.findings.append(PairFinding(fault, *texts, row))
 
 
 def _source_paths(source: Source) -> tuple[Path, ...]:
@@ -227,7 +231,7 @@ def _make_part(
                 remedy="keep sources on a file system that every worker sees",
             )
     files = _PartFiles(folder, number)
-    reader = _PartReader(part, files.pairs.name)
+    reader = _PartReader(part)
     write_pair_file(files.pairs, reader.rows())
     write_reference_images_file(files.references, reader.references.values())
     check = check_pair_file(files.pairs, files.references, settings)
@@ -236,34 +240,38 @@ def _make_part(
     return len(check.ids)
 
 
-def _combine_parts(folder: DatasetFolder, sources: Sequence[Source], parts: int, settings: BuildSettings) -> None:
+def _combine_parts(
+    folder: Path, sources: Sequence[Source], files: Sequence[_PartFiles], settings: BuildSettings
+) -> None:
     """Check across parts and combine them into one data set; raises `DatasetError`, `FileNotWritten`."""
-    files = [_PartFiles(folder.parts, number) for number in range(parts)]
     checks = [file.read_check() for file in files]
     names = [file.pairs.name for file in files] if settings.drop else _name_pair_files(folder, checks)
-    for check, name in zip(checks, names, strict=True):
-        check.findings = [msgspec.structs.replace(finding, file=name) for finding in check.findings]
     report = combine_file_checks(checks, names, settings.drop)
-    write_quality_report(folder.report, _without_places(report) if settings.drop else report)
-    require_any_usable_pair(report, folder.report)
-    unwanted = _rows_with_faults(report) if settings.drop else {}
+    write_quality_report(folder / REPORT_FILE, _without_places(report) if settings.drop else report)
+    require_any_usable_pair(report, folder / REPORT_FILE)
+    unwanted = _rows_with_faults(report) if settings.drop else defaultdict(set)
     kept = [
-        file
+        (file, unwanted[file.pairs.name])
         for file, check in zip(files, checks, strict=True)
-        if len(check.ids) > len(unwanted.get(file.pairs.name, ()))
+        if len(check.ids) > len(unwanted[file.pairs.name])
     ]
-    for number, file in enumerate(kept):
-        _move_pair_file(file.pairs, folder.pair_file(number, len(kept)), unwanted.get(file.pairs.name, set()))
-    write_reference_images_file(folder.references, _unique_references(files))
+    for number, (file, rows) in enumerate(kept):
+        target = pair_file(folder, number, len(kept))
+        if rows and not target.is_file():
+            copy_pairs_without_rows(file.pairs, target, rows)
+        elif not target.is_file():
+            file.pairs.replace(target)
+    write_reference_images_file(folder / REFERENCES_FILE, _unique_references(files))
     _save_sensors(folder, sources)
-    card = format_build_card(_folder_statistics(folder), sources, settings.licence, report, version("ninedtact"))
-    write_file_atomically(folder.card, card.encode())
+    statistics = compute_dataset_statistics(find_pair_files(folder))
+    card = format_build_card(statistics, sources, settings.licence, report, version("ninedtact"))
+    write_file_atomically(folder / CARD_FILE, card.encode())
 
 
-def _name_pair_files(folder: DatasetFolder, checks: Sequence[FileCheck]) -> list[str]:
+def _name_pair_files(folder: Path, checks: Sequence[FileCheck]) -> list[str]:
     """Return the name of each part's file in a data set that leaves out no pair; empty for a part without pairs."""
     numbers, total = count(), sum(bool(check.ids) for check in checks)
-    return [folder.pair_file(next(numbers), total).name if check.ids else "" for check in checks]
+    return [pair_file(folder, next(numbers), total).name if check.ids else "" for check in checks]
 
 
 def _without_places(report: QualityReport) -> QualityReport:
@@ -272,7 +280,7 @@ def _without_places(report: QualityReport) -> QualityReport:
     return msgspec.structs.replace(report, findings=findings)
 
 
-def _save_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> None:
+def _save_sensors(folder: Path, sources: Sequence[Source]) -> None:
     """Write the parameters of simulated sensors and the sensor folders that the sources carry.
 
     A name that several different simulated sensors or calibrations have is left out, because the images do not say which one is
@@ -281,17 +289,17 @@ def _save_sensors(folder: DatasetFolder, sources: Sequence[Source]) -> None:
     tables = [table for source in sources for table in source.simulated_sensors()]
     simulated, ambiguous = _find_unambiguous((table["name"], table, table) for table in tables)
     if simulated:
-        write_file_atomically(folder.sensors, to_json_bytes(list(simulated.values())))
+        write_file_atomically(folder / SENSORS_FILE, to_json_bytes(list(simulated.values())))
     carried = [entry for source in sources for entry in source.sensor_folders()]
     folders, _ = _find_unambiguous((name, files.get(SENSOR_FILE), files) for name, files in carried)
     entries = [
         (f"{name}/{path}", content)
         for name, files in folders.items()
-        if name not in ambiguous and Path(name).name == name and not (folder.sensor_folders / name).exists()
+        if name not in ambiguous and Path(name).name == name and not (folder / SENSOR_FOLDERS / name).exists()
         for path, content in files.items()
     ]
     if entries:
-        write_files_atomically(folder.sensor_folders, entries)
+        write_files_atomically(folder / SENSOR_FOLDERS, entries)
 
 
 def _find_unambiguous(entries: Iterable[tuple[str, Any, _Value]]) -> tuple[dict[str, _Value], set[str]]:
@@ -306,39 +314,18 @@ def _find_unambiguous(entries: Iterable[tuple[str, Any, _Value]]) -> tuple[dict[
     return {name: value for name, value in values.items() if name not in ambiguous}, ambiguous
 
 
-def _rows_with_faults(report: QualityReport) -> dict[str, set[int]]:
-    """Return the numbers of the rows with faults by file."""
-    rows: dict[str, set[int]] = {}
+def _rows_with_faults(report: QualityReport) -> defaultdict[str, set[int]]:
+    rows = defaultdict(set)
     for finding in report.findings:
         if finding.row is not None:
-            rows.setdefault(finding.file, set()).add(finding.row)
+            rows[finding.file].add(finding.row)
     return rows
 
 
-def _move_pair_file(part: Path, target: Path, unwanted: set[int]) -> None:
-    """Move a part's pairs into `data/`, without some rows; a file that already exists is kept."""
-    if target.is_file():
-        return
-    if unwanted:
-        copy_pairs_without_rows(part, target, unwanted)
-    else:
-        part.replace(target)
-
-
 def _unique_references(files: Sequence[_PartFiles]) -> Iterator[ReferenceImage]:
-    """Yield the reference images of all parts, each id once."""
     known: set[str] = set()
     for file in files:
         for row in iterate_rows(file.references):
             if row["reference_id"] not in known:
                 known.add(row["reference_id"])
                 yield ReferenceImage(row["reference_id"], stored_image_bytes(row["image"]) or b"", row["sensor"])
-
-
-def _folder_statistics(folder: DatasetFolder) -> DatasetStatistics:
-    return compute_dataset_statistics(sorted((folder.path / "data").glob("*.parquet")))
-
-
-def _remove_parts(folder: DatasetFolder) -> None:
-    """Remove the parts of a finished data set."""
-    shutil.rmtree(folder.parts, ignore_errors=True)

@@ -35,14 +35,24 @@ _ROWS_PER_GROUP = 64
 
 @dataclass(frozen=True)
 class DatasetSensorCalibration:
-    """The calibration of one sensor of a data set."""
+    """The calibration of one sensor of a data set; two of the same digest, gel and force scales are equal."""
 
-    shape: CalibratedShape
+    shape: CalibratedShape = field(compare=False)
     gel: Gel
     digest: str
     """A digest that differs between any two calibrations of shape and gel."""
     force_scales: tuple[tuple[str, ForceScale], ...] = ()
     """Names of estimators and the force scales of the sensor folder for them."""
+
+
+def require_calibrations(names: Collection[str], sensors: Mapping[str, DatasetSensorCalibration]) -> None:
+    """Raise `CalibrationError` for images of sensors without calibration."""
+    if missing := sorted(name for name in names if name not in sensors):
+        raise CalibrationError(
+            expected="the calibration of every sensor",
+            got=f"none of {len(missing)} (such as {missing[0]!r})",
+            remedy="give a folder that holds a sensor folder of each name",
+        )
 
 
 @dataclass(frozen=True)
@@ -157,12 +167,7 @@ class RowReadingComputer:
 
     def _bind_depth_reader(self, name: str, reference: Rectified) -> DepthReader:
         """Return the sensor's depth reader for this reference image; raises `CalibrationError`."""
-        if name not in self.sensors:
-            raise CalibrationError(
-                expected="the calibration of every sensor",
-                got=f"none of {name!r}",
-                remedy="give a folder that holds a sensor folder of each name",
-            )
+        require_calibrations({name}, self.sensors)
         shape = self.sensors[name].shape
         calibrated = shape.rectify.height_source.shape
         if reference.grey.shape != calibrated:

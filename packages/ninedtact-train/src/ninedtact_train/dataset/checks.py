@@ -4,6 +4,7 @@ Darkening: the image is averaged over tiles of at least 6 x 6 pixels, and the da
 simulated data, noise alone comes to 0.5 grey levels, and 2 N to more than 0.8 with every object and sensor.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -18,11 +19,12 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.force.brightness_channels import format_image_size
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
 from ninedtact.shape.image_plausibility import find_exposure_warning
 from ninedtact_train.collecting.training_pair_rule import wrench_limits
-from ninedtact_train.dataset.fault_report import PairFault, PairFinding, QualityReport, summarise_findings
+from ninedtact_train.dataset.fault_report import UNUSABLE_FAULTS, PairFault, PairFinding, QualityReport
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.parquet_files import (
     ReferenceImageFile,
@@ -70,6 +72,7 @@ class FileCheck(msgspec.Struct):
     image_digests: list[str]
     """Digest of every image; empty where the image cannot be read."""
     findings: list[PairFinding]
+    """Findings without the name of the file."""
 
 
 def check_dataset(
@@ -93,9 +96,18 @@ def check_dataset(
 
 def combine_file_checks(checks: list[FileCheck], names: list[str], dropped: bool = False) -> QualityReport:
     """Return the report of all files, including the duplicates across them; names are those of the files."""
-    findings = [finding for check in checks for finding in check.findings]
+    findings = [
+        msgspec.structs.replace(finding, file=name)
+        for check, name in zip(checks, names, strict=True)
+        for finding in check.findings
+    ]
+    findings += _find_duplicates(checks, names)
+    in_rows = [finding for finding in findings if finding.row is not None]
+    faulty = {(finding.file, finding.row) for finding in in_rows}
+    unusable = {(finding.file, finding.row) for finding in in_rows if dropped or finding.fault in UNUSABLE_FAULTS}
+    counts = dict(sorted(Counter(finding.fault.value for finding in findings).items()))
     pairs = sum(len(check.ids) for check in checks)
-    return summarise_findings(pairs, [*findings, *_find_duplicates(checks, names)], dropped)
+    return QualityReport(pairs, pairs - len(faulty), pairs - len(unusable), counts, dropped, findings)
 
 
 def check_pair_file(path: Path, references: Path, settings: PairCheckSettings) -> FileCheck:
@@ -111,14 +123,13 @@ def check_pair_file(path: Path, references: Path, settings: PairCheckSettings) -
             digest = blake2b(image.tobytes(), digest_size=12, salt=f"{image.shape[1]}".encode()).hexdigest()
         check.ids.append(row["id"])
         check.image_digests.append(digest)
-        check.findings += [PairFinding(fault, row["id"], message, number, path.name) for fault, message in faults]
+        check.findings += [PairFinding(fault, row["id"], message, number) for fault, message in faults]
     return check
 
 
 def _find_pair_faults(
     image: UInt8[Array, "_ _"], reference: UInt8[Array, "_ _"] | None, row: dict[str, Any], settings: PairCheckSettings
 ) -> Iterator[tuple[PairFault, str]]:
-    """Yield every fault of one pair with a message."""
     wrench, delay_ms = decode_stored_wrench(row["wrench"]), row["wrench_delay_ms"]
     is_finite = bool(np.isfinite(wrench).all())
     if is_finite:
@@ -131,7 +142,10 @@ def _find_pair_faults(
     if reference is None:
         yield PairFault.NO_REFERENCE, f"no readable reference image has the id {row['reference_id']!r}"
     elif reference.shape != image.shape:
-        yield PairFault.WRONG_SIZE, f"{_describe_size(image)}, and its reference image {_describe_size(reference)}"
+        yield (
+            PairFault.WRONG_SIZE,
+            f"{format_image_size(image)}, and its reference image {format_image_size(reference)}",
+        )
     elif is_finite:
         yield from _find_contradictions(image, reference, wrench, settings)
 
@@ -185,7 +199,3 @@ def _find_duplicates(checks: Iterable[FileCheck], files: Iterable[str]) -> Itera
                 yield PairFinding(PairFault.DUPLICATE_IMAGE, name, message, number, file)
             id_places.setdefault(name, f"row {number} of {file}")
             image_ids.setdefault(digest, name)
-
-
-def _describe_size(image: _GreyImage) -> str:
-    return f"{image.shape[1]} x {image.shape[0]} pixels"

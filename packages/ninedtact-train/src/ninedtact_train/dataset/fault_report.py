@@ -1,7 +1,6 @@
 """What the checks of a data set found: faults of single pairs, listed in a JSON file and counted."""
 
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 
@@ -13,49 +12,45 @@ from ninedtact.errors import DatasetError, FileFormatError
 
 
 class PairFault(StrEnum):
-    """What can be wrong with a pair of image and wrench."""
+    """What can be wrong with a pair of image and wrench, and what it means, for the report and README.md."""
 
-    MISSING_IMAGE = "missing image"
-    MISSING_WRENCH = "missing wrench"
-    UNREADABLE = "unreadable"
-    MISSING_END = "missing end"
-    NO_REFERENCE = "no reference"
-    NOT_FINITE = "not finite"
-    OUT_OF_RANGE = "out of range"
-    PULLING = "pulling"
-    UNSYNCHRONISED = "unsynchronised"
-    WRONG_SIZE = "wrong size"
-    NO_LIGHT = "no light"
-    NO_DARKENING = "no darkening"
-    NO_MEASURED_FORCE = "no measured force"
-    DUPLICATE_IMAGE = "duplicate image"
-    DUPLICATE_ID = "duplicate id"
-    NORM_DIFFERS = "norm differs"
-    MIXED_IMAGE_DIFFERS = "mixed image differs"
+    meaning: str
+
+    def __new__(cls, value: str, meaning: str) -> "PairFault":
+        """Return a member with its meaning."""
+        member = str.__new__(cls, value)
+        member._value_, member.meaning = value, meaning
+        return member
+
+    MISSING_IMAGE = "missing image", "a wrench without an image; it cannot become a pair"
+    MISSING_WRENCH = "missing wrench", "an image without a wrench; it cannot become a pair"
+    UNREADABLE = "unreadable", "a file that is damaged or of another kind; it cannot become a pair"
+    MISSING_END = (
+        "missing end",
+        "a recording that was cut short, or is still being written; the pairs before its end are kept",
+    )
+    NO_REFERENCE = "no reference", "no reference image (no contact) belongs to it"
+    NOT_FINITE = "not finite", "the wrench contains a value that is not a finite number"
+    OUT_OF_RANGE = "out of range", "a force or torque is larger than this sensor is used with"
+    PULLING = (
+        "pulling",
+        "F_z is above zero: the object would pull at the skin; the axes of the force sensor may be turned",
+    )
+    UNSYNCHRONISED = "unsynchronised", "image and wrench were taken too far apart in time"
+    WRONG_SIZE = "wrong size", "the image and its reference image differ in size"
+    NO_LIGHT = "no light", "the image is dark or overexposed beside its reference image"
+    NO_DARKENING = (
+        "no darkening",
+        "the wrench presses hard, but no place of the image is darker than in the reference image",
+    )
+    NO_MEASURED_FORCE = "no measured force", "the image shows a contact, but the wrench is zero"
+    DUPLICATE_IMAGE = "duplicate image", "an earlier pair has the same image"
+    DUPLICATE_ID = "duplicate id", "an earlier pair has the same id"
+    NORM_DIFFERS = "norm differs", "_norm.npy and .npy of the original project contradict each other"
+    MIXED_IMAGE_DIFFERS = "mixed image differs", "mixed_image and image of the original project contradict each other"
 
 
-FAULT_MEANINGS = {
-    PairFault.MISSING_IMAGE: "a wrench without an image; it cannot become a pair",
-    PairFault.MISSING_WRENCH: "an image without a wrench; it cannot become a pair",
-    PairFault.UNREADABLE: "a file that is damaged or of another kind; it cannot become a pair",
-    PairFault.MISSING_END: "a recording that was cut short, or is still being written; the pairs before its end are kept",
-    PairFault.NO_REFERENCE: "no reference image (no contact) belongs to it",
-    PairFault.NOT_FINITE: "the wrench contains a value that is not a finite number",
-    PairFault.OUT_OF_RANGE: "a force or torque is larger than this sensor is used with",
-    PairFault.PULLING: "F_z is above zero: the object would pull at the skin; the axes of the force sensor may be turned",
-    PairFault.UNSYNCHRONISED: "image and wrench were taken too far apart in time",
-    PairFault.WRONG_SIZE: "the image and its reference image differ in size",
-    PairFault.NO_LIGHT: "the image is dark or overexposed beside its reference image",
-    PairFault.NO_DARKENING: "the wrench presses hard, but no place of the image is darker than in the reference image",
-    PairFault.NO_MEASURED_FORCE: "the image shows a contact, but the wrench is zero",
-    PairFault.DUPLICATE_IMAGE: "an earlier pair has the same image",
-    PairFault.DUPLICATE_ID: "an earlier pair has the same id",
-    PairFault.NORM_DIFFERS: "_norm.npy and .npy of the original project contradict each other",
-    PairFault.MIXED_IMAGE_DIFFERS: "mixed_image and image of the original project contradict each other",
-}
-"""What each fault means, for the report and README.md."""
-
-_UNUSABLE_FAULTS = frozenset({PairFault.UNREADABLE, PairFault.NO_REFERENCE, PairFault.NOT_FINITE})
+UNUSABLE_FAULTS = frozenset({PairFault.UNREADABLE, PairFault.NO_REFERENCE, PairFault.NOT_FINITE})
 """Faults that make a pair unusable for training; a pair with one of the others may be a good one."""
 
 
@@ -92,19 +87,9 @@ class QualityReport(msgspec.Struct, frozen=True):
             return
         consequence = "left out" if self.dropped else "kept"
         yield f"{self.pairs} pairs checked; {self.pairs - self.without_fault} have faults and are {consequence}:"
-        for fault, meaning in FAULT_MEANINGS.items():
-            if count := self.counts.get(fault.value):
-                yield f"{count:8d} {fault.value}: {meaning}"
-
-
-def summarise_findings(pairs: int, findings: Iterable[PairFinding], dropped: bool = False) -> QualityReport:
-    """Count the findings of a data set of this many pairs."""
-    findings = list(findings)
-    in_rows = [finding for finding in findings if finding.row is not None]
-    faulty = {(finding.file, finding.row) for finding in in_rows}
-    unusable = {(finding.file, finding.row) for finding in in_rows if dropped or finding.fault in _UNUSABLE_FAULTS}
-    counts = dict(sorted(Counter(finding.fault.value for finding in findings).items()))
-    return QualityReport(pairs, pairs - len(faulty), pairs - len(unusable), counts, dropped, findings)
+        for fault in PairFault:
+            if count := self.counts.get(fault):
+                yield f"{count:8d} {fault}: {fault.meaning}"
 
 
 def write_quality_report(path: Path, report: QualityReport) -> None:

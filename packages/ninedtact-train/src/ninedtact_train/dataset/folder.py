@@ -12,8 +12,8 @@ README.md            the card; written last: where it exists, the data set is fi
 import json
 import re
 import shutil
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,70 +21,24 @@ from typing import Any
 from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
-from ninedtact.errors import FileFormatError, OutputError
+from ninedtact.errors import DatasetError, FileFormatError, OutputError
 from ninedtact_train.dataset.parquet_files import require_pair_columns
 from ninedtact_train.dataset.schema import DATASET_FORMAT
 
 REFERENCES_FILE, SETTINGS_FILE, SENSORS_FILE = "references.parquet", "settings.json", "sensors.json"
-REPORT_FILE = "report.json"
+REPORT_FILE, CARD_FILE, SENSOR_FOLDERS = "report.json", "README.md", "sensors"
 _FILE_COUNT = re.compile(r"-of-(\d+)\.parquet$")
 
 
-@dataclass(frozen=True)
-class DatasetFolder:
-    """The paths of a data set's files."""
-
-    path: Path
-
-    @property
-    def settings(self) -> Path:
-        """The settings that the data set was begun with."""
-        return self.path / SETTINGS_FILE
-
-    @property
-    def card(self) -> Path:
-        """README.md, which is written last."""
-        return self.path / "README.md"
-
-    @property
-    def report(self) -> Path:
-        """The findings of the checks."""
-        return self.path / REPORT_FILE
-
-    @property
-    def references(self) -> Path:
-        """The file of reference images."""
-        return self.path / REFERENCES_FILE
-
-    @property
-    def sensors(self) -> Path:
-        """The parameters of the simulated sensors."""
-        return self.path / SENSORS_FILE
-
-    @property
-    def sensor_folders(self) -> Path:
-        """The folder of the sensor folders, by name."""
-        return self.path / "sensors"
-
-    @property
-    def parts(self) -> Path:
-        """The folder of the parts that a build has made so far."""
-        return self.path / "parts"
-
-    @property
-    def is_finished(self) -> bool:
-        """Whether all files are complete."""
-        return self.card.is_file()
-
-    def pair_file(self, number: int, count: int) -> Path:
-        """Return the path of one of this many files of pairs."""
-        return self.path / "data" / f"train-{number:05d}-of-{count:05d}.parquet"
+def pair_file(folder: Path, number: int, count: int) -> Path:
+    """Return the path of one of this many files of pairs."""
+    return folder / "data" / f"train-{number:05d}-of-{count:05d}.parquet"
 
 
 def find_pair_files(folder: Path) -> list[Path]:
     """Return all files of pairs of a data set in order.
 
-    Raises `FileFormatError` and, if files are missing, `FileFormatError`.
+    Raises `FileFormatError`, also if files are missing.
     """
     files = sorted(path for path in (folder / "data").glob("*.parquet") if not path.name.startswith("."))
     if not files:
@@ -111,26 +65,24 @@ def find_pair_files(folder: Path) -> list[Path]:
     return files
 
 
-def begin_or_resume_dataset(
-    folder: DatasetFolder, settings: Mapping[str, Any], source_paths: Iterable[Path] = ()
-) -> None:
+def begin_or_resume_dataset(folder: Path, settings: Mapping[str, Any], source_paths: Iterable[Path] = ()) -> None:
     """Make the folder of a new data set, or check that it was begun with the same settings.
 
     The version of the program and of the format belong to the settings. Half-written files of a stopped run are removed.
     Raises `OutputError`, also for a folder inside one of the sources, and `FileNotWritten`.
     """
     for source in source_paths:
-        if source.is_dir() and folder.path.resolve().is_relative_to(source.resolve()):
+        if source.is_dir() and folder.resolve().is_relative_to(source.resolve()):
             raise OutputError(
-                expected="a folder outside of the sources", got=f"{folder.path} in {source}", remedy="give another"
+                expected="a folder outside of the sources", got=f"{folder} in {source}", remedy="give another"
             )
-    begin_or_resume_folder(folder.path, {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **settings})
-    for half_written in [*folder.path.rglob(".*.partial")]:
+    begin_or_resume_folder(folder, {"ninedtact": version("ninedtact"), "format": DATASET_FORMAT, **settings})
+    for half_written in [*folder.rglob(".*.partial")]:
         if half_written.is_dir():
             shutil.rmtree(half_written, ignore_errors=True)
         else:
             half_written.unlink(missing_ok=True)
-    make_folder(folder.path / "data")
+    make_folder(folder / "data")
 
 
 def begin_or_resume_folder(path: Path, settings: Mapping[str, Any]) -> None:
@@ -153,6 +105,17 @@ def begin_or_resume_folder(path: Path, settings: Mapping[str, Any]) -> None:
         )
     make_folder(path)
     write_file_atomically(kept, to_json_bytes({**wanted, CHECKSUM_KEY: mapping_checksum(wanted)}))
+
+
+@contextmanager
+def interrupt_as_stopped(path: Path) -> Iterator[None]:
+    """Raise `DatasetError` at Ctrl-C while long work goes on in a folder, with how to continue it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise DatasetError(
+            f"stopped by Ctrl-C; every file in {path} is whole; run the command again to continue where it stopped"
+        ) from None
 
 
 def read_dataset_settings(folder: Path) -> dict[str, Any]:

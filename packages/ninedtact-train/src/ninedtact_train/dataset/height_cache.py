@@ -22,7 +22,6 @@ from ninedtact._version import __version__
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.design import Gel
-from ninedtact.errors import CalibrationError
 from ninedtact.force.network_input import tractions_over_shear_modulus
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.parallel_jobs import run_jobs
@@ -34,6 +33,7 @@ from ninedtact_train.dataset.calibrated_readings import (
     DatasetSensorCalibration,
     RowReadingComputer,
     read_file_references,
+    require_calibrations,
 )
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.image_cache import digest_files_with_cache, make_cache_folder
@@ -79,9 +79,9 @@ def load_height_pairs(
     `FileNotWritten`, `ForceEstimationError`.
     """
     table = read_pair_columns(folder)
-    names = np.array(read_name_column(table, "sensor"))
+    names = read_name_column(table, "sensor")
     kept = ~np.isin(names, list(left_out))
-    _require_calibrations(names[kept], sensors)
+    require_calibrations(set(names[kept].tolist()), sensors)
     files = find_pair_files(folder)
     cache = folder / "cache" if cache is None else cache
     kind = "physics" if with_physics else "heights"
@@ -94,7 +94,7 @@ def load_height_pairs(
         stored = [_read_fields(_cache_file(target, file), cached) for file in files]
     whole = [one for one in stored if one is not None]
     fields = {name: np.concatenate([one[name] for one in whole]) for name in whole[0]}
-    ids, objects = np.array(table["id"].to_pylist()), np.array(read_name_column(table, "object", NO_OBJECT))
+    ids, objects = read_name_column(table, "id"), read_name_column(table, "object", NO_OBJECT)
     return HeightWrenchPairs(ids, wrenches=wrench_array(table), objects=objects, sensors=names, **fields).select(kept)
 
 
@@ -132,16 +132,6 @@ class _CachedFields:
         return build_traction_force(sensor.shape, gel)
 
 
-def _require_calibrations(names: Shaped[Array, " n"], sensors: Mapping[str, DatasetSensorCalibration]) -> None:
-    """Refuse images of sensors without calibration."""
-    if missing := sorted(set(names.tolist()) - set(sensors)):
-        raise CalibrationError(
-            expected="the calibration of every sensor",
-            got=f"none of {len(missing)} (such as {missing[0]!r})",
-            remedy="give a folder that holds a sensor folder of each name",
-        )
-
-
 def _digest_inputs(
     files: Sequence[Path], cache: Path, sensors: Mapping[str, DatasetSensorCalibration], grid: SkinGrid
 ) -> str:
@@ -177,7 +167,6 @@ def _compute_missing_files(
     workers: int,
     progress: bool,
 ) -> None:
-    """Compute the files that no earlier run computed, in several processes."""
     from tqdm import tqdm
 
     missing = [file for file in files if not _cache_file(target, file).is_file()]

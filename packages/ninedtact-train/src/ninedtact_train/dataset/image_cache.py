@@ -44,14 +44,6 @@ _IMAGES_PER_GROUP = 256
 """Images that threads decode together; the sizes of their originals are in memory at once."""
 
 
-class _KnownFile(msgspec.Struct, frozen=True):
-    """A Parquet file as it was when it was last read."""
-
-    size: int
-    mtime_ns: int
-    digest: str
-
-
 @dataclass(frozen=True)
 class DecodedImages:
     """Memory-mapped images; arrays that are indexed from them are copies."""
@@ -107,23 +99,21 @@ def _map_decoded_images(folder: Path, size: tuple[int, int]) -> DecodedImages | 
 def digest_files_with_cache(files: Sequence[Path], cache: Path) -> str:
     """Return one digest of the contents of all files; a file is only read if its size or time is not in the cache."""
     try:
-        known = msgspec.json.decode((cache / _KNOWN_FILES).read_bytes(), type=dict[str, _KnownFile])
+        known = msgspec.json.decode((cache / _KNOWN_FILES).read_bytes(), type=dict[str, tuple[int, int, str]])
     except (OSError, msgspec.MsgspecError):
         known = {}
-    now = {file.name: _known_file(file, known.get(file.name)) for file in files}
+    now = {}
+    for file in files:
+        entry, before = file.stat(), known.get(file.name)
+        if before is None or before[:2] != (entry.st_size, entry.st_mtime_ns):
+            with file.open("rb") as content:
+                digest = file_digest(content, "blake2b").hexdigest()[:32]
+            before = entry.st_size, entry.st_mtime_ns, digest
+        now[file.name] = before
     if now != known:
         make_cache_folder(cache)
         write_file_atomically(cache / _KNOWN_FILES, msgspec.json.encode(now))
-    return blake2b("".join(now[file.name].digest for file in files).encode(), digest_size=6).hexdigest()
-
-
-def _known_file(file: Path, before: _KnownFile | None) -> _KnownFile:
-    """Return a file as it is now."""
-    entry = file.stat()
-    if before and (before.size, before.mtime_ns) == (entry.st_size, entry.st_mtime_ns):
-        return before
-    with file.open("rb") as content:
-        return _KnownFile(entry.st_size, entry.st_mtime_ns, file_digest(content, "blake2b").hexdigest()[:32])
+    return blake2b("".join(digest for *_, digest in now.values()).encode(), digest_size=6).hexdigest()
 
 
 def make_cache_folder(path: Path) -> None:

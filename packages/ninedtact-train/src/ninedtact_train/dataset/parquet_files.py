@@ -4,6 +4,7 @@ which are grey PNG files, encoded, decoded, and looked up by the id of a referen
 Files are written completely or not at all. Rows are read and written in groups, so that a file may be larger than memory.
 """
 
+import json
 from collections.abc import Collection, Container, Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import islice
@@ -25,12 +26,10 @@ from ninedtact_train.dataset.schema import (
     FORMAT_KEY,
     PAIR_COLUMNS,
     REFERENCE_COLUMNS,
+    WRENCH_MEANING,
     Column,
     DatasetRow,
     ReferenceImage,
-    arrow_schema,
-    reference_to_columns,
-    row_to_columns,
 )
 
 _ROWS_PER_GROUP = 100
@@ -42,12 +41,12 @@ _NO_WRENCH = [float("nan")] * 6
 
 def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
     """Write a file of pairs; raises `FileNotWritten`."""
-    _write_parquet_file(path, map(row_to_columns, rows), PAIR_COLUMNS)
+    _write_parquet_file(path, map(_column_values, rows), PAIR_COLUMNS)
 
 
 def write_reference_images_file(path: Path, references: Iterable[ReferenceImage]) -> None:
     """Write the Parquet file of all reference images; raises `FileNotWritten`."""
-    _write_parquet_file(path, map(reference_to_columns, references), REFERENCE_COLUMNS)
+    _write_parquet_file(path, map(_column_values, references), REFERENCE_COLUMNS)
 
 
 def copy_pairs_without_rows(path: Path, target: Path, unwanted_rows: Container[int]) -> None:
@@ -56,15 +55,49 @@ def copy_pairs_without_rows(path: Path, target: Path, unwanted_rows: Container[i
     _write_parquet_file(target, kept, PAIR_COLUMNS)
 
 
+def _column_values(item: DatasetRow | ReferenceImage) -> dict[str, Any]:
+    """Return the values of an item by column, with text as UTF-8 can store it."""
+    values = {
+        name: escape_invalid_utf8(value) if isinstance(value, str) else value for name, value in vars(item).items()
+    }
+    return {**values, "image": {"bytes": item.image, "path": None}}
+
+
+def escape_invalid_utf8(text: str) -> str:
+    """Return text that UTF-8 can store: the bytes of a file name that are not UTF-8 become escape sequences."""
+    return text.encode(errors="backslashreplace").decode()
+
+
 def _write_parquet_file(path: Path, rows: Iterator[dict[str, Any]], columns: tuple[Column, ...]) -> None:
     """Write rows of column values; this is the only place that writes Parquet."""
-    schema = arrow_schema(columns)
+    schema = _arrow_schema(columns)
     with (
         open_atomic_file(path) as file,
         pq.ParquetWriter(file, schema, compression="snappy", write_page_checksum=True) as writer,
     ):
         while group := list(islice(rows, _ROWS_PER_GROUP)):
             writer.write_table(pa.Table.from_pylist(group, schema=schema))
+
+
+def _arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
+    """Return the Arrow schema of these columns, with the metadata by which Hugging Face `datasets` recognises images."""
+    arrow_types = {
+        "image": pa.struct([("bytes", pa.binary()), ("path", pa.string())]),
+        "wrench": pa.list_(pa.float32(), 6),
+    }
+    features: dict[str, Any] = {
+        "image": {"_type": "Image"},
+        "wrench": {"feature": {"dtype": "float32", "_type": "Value"}, "length": 6, "_type": "Sequence"},
+    }
+    fields = [(one.name, arrow_types.get(one.kind) or pa.type_for_alias(one.kind)) for one in columns]
+    info = {one.name: features.get(one.kind) or {"dtype": one.kind, "_type": "Value"} for one in columns}
+    axes = "torque about the centre of the skin without contact; x along columns, y along rows, z outward"
+    metadata = {
+        FORMAT_KEY: str(DATASET_FORMAT).encode(),
+        b"ninedtact.wrench": f"{WRENCH_MEANING}; {axes}".encode(),
+        b"huggingface": json.dumps({"info": {"features": info}}).encode(),
+    }
+    return pa.schema(fields, metadata=metadata)
 
 
 def iterate_rows(path: Path, columns: Collection[str] | None = None) -> Iterator[dict[str, Any]]:

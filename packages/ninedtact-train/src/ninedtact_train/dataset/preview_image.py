@@ -1,14 +1,14 @@
-"""The preview image of a data set: tiles of some pairs, red where darker, green where brighter, with the wrench as text below.
+"""The preview image of a data set: tiles of some pairs, red where darker, green where brighter, with the wrench as text above.
 
 The pairs are sorted from the lightest to the heaviest load, so that swapped axes or labels are visible at a glance: a
-heavier contact must look larger, and the arrow (the shear force, 20 pixels a newton) must point where the object leans.
+heavier contact must look larger, and the arrow (the shear force) must point where the object leans.
 """
 
 from collections.abc import Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
@@ -27,32 +27,46 @@ from ninedtact_train.dataset.parquet_files import (
     wrench_array,
 )
 
-_ColourImage = UInt8[Array, "_ _ 3"]
-_TILE_SIZE = (240, 180)
-_CAPTION_PX, _MARGIN_PX = 34, 4
-_TILES_PER_ROW = 6
-_ARROW_PX_PER_N = 20.0
+_TILES_PER_ROW, _TILE_IN = 6, (2.4, 2.2)
+_ARROW_WIDTHS_PER_N = 1 / 12
+"""Length of the arrow in widths of the image."""
 _CONTRAST = 2
 """Contrast relative to that of the live page: the tiles are small and viewed only briefly."""
-_GREY, _WHITE = (170, 170, 170), (255, 255, 255)
 
 
-def render_preview(folder: Path, pairs: int = 24) -> _ColourImage:
-    """Render some pairs of a data set, evenly spread over the loads, as one BGR image.
+def render_preview(folder: Path, pairs: int = 24) -> bytes:
+    """Render some pairs of a data set, evenly spread over the loads, as one PNG image.
 
     Raises `FileFormatError`, `InputError`.
     """
+    from matplotlib.figure import Figure
+
     files = find_pair_files(folder)
     references = ReferenceImageFile(folder / REFERENCES_FILE)
-    tiles = [_render_tile(row, references) for row in _read_spread_over_loads(files, pairs)]
-    rendered = [tile for tile in tiles if tile is not None]
-    if not rendered:
+    rendered = [(row, _render_pair(row, references)) for row in _read_spread_over_loads(files, pairs)]
+    shown = [(row, tile) for row, tile in rendered if tile is not None]
+    if not shown:
         raise InputError(
             expected=f"pairs with an image and a reference in {folder}",
             got="none",
             remedy="run ninedtact dataset check",
         )
-    return _arrange_tiles(rendered)
+    across = min(_TILES_PER_ROW, len(shown))
+    down = -(-len(shown) // across)
+    figure = Figure(figsize=(_TILE_IN[0] * across, _TILE_IN[1] * down), layout="constrained")
+    all_axes = figure.subplots(down, across, squeeze=False).ravel()
+    for axes in all_axes:
+        axes.axis("off")
+    for axes, (row, tile) in zip(all_axes, shown, strict=False):
+        wrench, middle = decode_stored_wrench(row["wrench"]), np.array(tile.shape[1::-1]) / 2
+        tip = middle + _ARROW_WIDTHS_PER_N * tile.shape[1] * wrench[:2]
+        axes.imshow(tile[..., ::-1])
+        axes.annotate("", tip, middle, arrowprops={"arrowstyle": "->", "color": "white"})
+        force = "F {:+.2f} {:+.2f} {:+.2f} N   Tz {:+.1f} N·mm".format(*wrench[:3], 1e3 * wrench[5])
+        axes.set_title(f"{row['object'] or '?'}, {row['kind'] or '?'}\n{force}", fontsize=7, parse_math=False)
+    content = BytesIO()
+    figure.savefig(content, format="png")
+    return content.getvalue()
 
 
 def _read_spread_over_loads(files: Sequence[Path], pairs: int) -> Iterator[dict[str, Any]]:
@@ -68,8 +82,8 @@ def _read_spread_over_loads(files: Sequence[Path], pairs: int) -> Iterator[dict[
         yield from iterate_rows_at(file, [row])
 
 
-def _render_tile(row: dict[str, Any], references: ReferenceImageFile) -> _ColourImage | None:
-    """Return the image of one pair with its caption; None if it cannot be drawn."""
+def _render_pair(row: dict[str, Any], references: ReferenceImageFile) -> UInt8[Array, "rows cols 3"] | None:
+    """Return the change of one image; None if it cannot be drawn."""
     try:
         image = decode_stored_image(row["image"])
     except StoredImageUnreadable:
@@ -77,45 +91,6 @@ def _render_tile(row: dict[str, Any], references: ReferenceImageFile) -> _Colour
     reference = references.find(row["reference_id"])
     if reference is None or reference.shape != image.shape:
         return None
-    image_and_reference = [
-        cv2.resize(grey, _TILE_SIZE, interpolation=cv2.INTER_AREA).astype(np.float32) for grey in (image, reference)
-    ]
-    darker, brighter = (_CONTRAST * part for part in split_darker_brighter(*image_and_reference))
-    tile = render_deformation(Deformation(darker, brighter, image_and_reference[1], 1.0))
-    wrench = decode_stored_wrench(row["wrench"])
-    _draw_shear_arrow(tile, wrench)
-    return np.concatenate([tile, _render_caption(row, wrench)])
-
-
-def _draw_shear_arrow(tile: _ColourImage, wrench: Array) -> None:
-    """Draw the shear force from the middle of the tile."""
-    middle = np.array(_TILE_SIZE) / 2
-    tip = middle + _ARROW_PX_PER_N * wrench[:2]
-    begin, end = ((round(float(x)), round(float(y))) for x, y in (middle, tip))
-    cv2.arrowedLine(tile, begin, end, _WHITE, 1, cv2.LINE_AA, tipLength=0.2)
-
-
-def _render_caption(row: dict[str, Any], wrench: Array) -> _ColourImage:
-    """Return two lines of text: the object and the kind of pair; force and torque."""
-    strip = np.zeros((_CAPTION_PX, _TILE_SIZE[0], 3), np.uint8)
-    texts = (
-        f"{row['object'] or '?'}, {row['kind'] or '?'}",
-        "F {:+.2f} {:+.2f} {:+.2f} N   Tz {:+.1f} N.mm".format(*wrench[:3], 1e3 * wrench[5]),
-    )
-    for line, text in enumerate(texts):
-        ascii_text = text.encode("ascii", "replace").decode()
-        corner = (2, 13 + 15 * line)
-        cv2.putText(strip, ascii_text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (_WHITE, _GREY)[line], 1, cv2.LINE_AA)
-    return strip
-
-
-def _arrange_tiles(tiles: Sequence[_ColourImage]) -> _ColourImage:
-    """Return the tiles side by side on a dark background."""
-    rows, cols = tiles[0].shape[:2]
-    across = min(_TILES_PER_ROW, len(tiles))
-    down = -(-len(tiles) // across)
-    canvas = np.full((down * (rows + _MARGIN_PX), across * (cols + _MARGIN_PX), 3), 40, np.uint8)
-    for number, tile in enumerate(tiles):
-        top, left = number // across * (rows + _MARGIN_PX), number % across * (cols + _MARGIN_PX)
-        canvas[top : top + rows, left : left + cols] = tile
-    return canvas
+    grey, reference_grey = image.astype(np.float32), reference.astype(np.float32)
+    darker, brighter = (_CONTRAST * part for part in split_darker_brighter(grey, reference_grey))
+    return render_deformation(Deformation(darker, brighter, reference_grey, 1.0))

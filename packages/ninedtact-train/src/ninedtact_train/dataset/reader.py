@@ -20,27 +20,7 @@ from ninedtact_train.dataset.split import SplitKeys
 
 _UNKNOWN_TIME = -1
 _Index = Int[Array, " b"]
-
-
-@dataclass(frozen=True)
-class CategoricalColumn:
-    """A column of names with few different values."""
-
-    names: tuple[str, ...]
-    codes: Int64[Array, " n"]
-    """Index of every pair's name in `names`; −1 if it has none."""
-
-    @property
-    def values(self) -> Shaped[Array, " n"]:
-        """The name of every pair; "" if it has none."""
-        return np.array([*self.names, ""], dtype=np.str_)[self.codes]
-
-    def __len__(self) -> int:
-        return len(self.codes)
-
-    def select(self, rows: Shaped[Array, " m"]) -> "CategoricalColumn":
-        """Return the column of some pairs, by index or by mask."""
-        return CategoricalColumn(self.names, self.codes[rows])
+_Names = Shaped[Array, " n"]
 
 
 @dataclass(frozen=True)
@@ -66,16 +46,16 @@ class TactileDataset:
     folder: Path
     size: tuple[int, int]
     """Columns and rows of the images."""
-    ids: Shaped[Array, " n"]
+    ids: _Names
     wrenches: Float32[Array, "n 6"]
     """Wrenches, N and N·m about the skin's centre."""
-    objects: CategoricalColumn
-    contacts: CategoricalColumn
-    sensors: CategoricalColumn
-    kinds: CategoricalColumn
-    sources: CategoricalColumn
-    references: CategoricalColumn
-    """Ids of the reference images, in the order of `decoded.references`."""
+    objects: _Names
+    contacts: _Names
+    sensors: _Names
+    kinds: _Names
+    sources: _Names
+    reference_rows: Int64[Array, " n"]
+    """Row of every pair's reference image in `decoded.references`."""
     times_ns: Int64[Array, " n"]
     """Time of every image; −1 if unknown."""
     mm_per_px: Float64[Array, " n"]
@@ -93,7 +73,7 @@ class TactileDataset:
 
     def reference_images(self, indices: _Index) -> UInt8[Array, "b rows cols"]:
         """Return the reference images (no contact) of some pairs."""
-        return np.asarray(self.decoded.references[self.references.codes[indices]])
+        return np.asarray(self.decoded.references[self.reference_rows[indices]])
 
     def batch(self, indices: _Index) -> PairBatch:
         """Return the pairs of these indices as arrays."""
@@ -108,16 +88,12 @@ class TactileDataset:
 
     def select(self, indices: Shaped[Array, " m"]) -> "TactileDataset":
         """Return some pairs, by index or by mask, as a data set of the same files."""
-        kept = np.arange(len(self))[indices]
-        label_columns = ("objects", "contacts", "sensors", "kinds", "sources", "references")
-        arrays = ("ids", "wrenches", "times_ns", "mm_per_px", "rows")
-        selected: dict[str, Any] = {name: getattr(self, name).select(kept) for name in label_columns}
-        return replace(self, **selected, **{name: getattr(self, name)[kept] for name in arrays})
+        arrays = {name: value[indices] for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        return replace(self, **arrays)
 
     def to_split_pairs(self) -> SplitKeys:
-        """Return the ids, objects, sensors and contacts by which `force.splits` divides the pairs."""
-        labels = (self.objects, self.sensors, self.contacts)
-        return SplitKeys(self.ids.tolist(), *(column.values.tolist() for column in labels))
+        """Return the ids, objects, sensors and contacts by which `split_dataset` divides the pairs."""
+        return SplitKeys(*(column.tolist() for column in (self.ids, self.objects, self.sensors, self.contacts)))
 
 
 def load_dataset(
@@ -143,7 +119,7 @@ def load_dataset(
         >>> import numpy as np
         >>> from ninedtact_train.dataset import load_dataset
         >>> dataset = load_dataset("pairs", size=(32, 24))
-        >>> pressed = dataset.select(dataset.kinds.values == "rule")
+        >>> pressed = dataset.select(dataset.kinds == "rule")
         >>> for batch in pressed.batches(8, np.random.default_rng(0)):
         ...     images, references, wrenches = batch.images, batch.references, batch.wrenches
         >>> images.shape[1:], wrenches.shape[1:]
@@ -158,14 +134,14 @@ def load_dataset(
     return TactileDataset(
         folder,
         size,
-        ids=np.array(table["id"].to_pylist(), dtype=np.str_),
+        ids=read_name_column(table, "id"),
         wrenches=wrench_array(table),
-        objects=_label_column(table, "object"),
-        contacts=_label_column(table, "contact_id"),
-        sensors=_label_column(table, "sensor"),
-        kinds=_label_column(table, "kind"),
-        sources=_label_column(table, "source", missing=folder.resolve().name),
-        references=_reference_column(folder, table),
+        objects=read_name_column(table, "object", NO_OBJECT),
+        contacts=read_name_column(table, "contact_id"),
+        sensors=read_name_column(table, "sensor"),
+        kinds=read_name_column(table, "kind"),
+        sources=read_name_column(table, "source", folder.resolve().name),
+        reference_rows=_reference_rows(folder, table),
         times_ns=table["time_ns"].fill_null(_UNKNOWN_TIME).to_numpy().astype(np.int64),
         mm_per_px=np.asarray(stored_mm_per_px * stored_cols / size[0]),
         rows=np.arange(len(stored_cols)),
@@ -179,8 +155,8 @@ def read_pair_columns(folder: Path) -> Any:
     Raises `FileFormatError`, also for wrenches that are not finite and pairs without a reference image.
     """
     table = read_columns(find_pair_files(folder), [column.name for column in PAIR_COLUMNS if column.name != "image"])
-    wrenches, references = wrench_array(table), _reference_column(folder, table)
-    not_finite, alone = int((~np.isfinite(wrenches).all(1)).sum()), int((references.codes < 0).sum())
+    wrenches, references = wrench_array(table), _reference_rows(folder, table)
+    not_finite, alone = int((~np.isfinite(wrenches).all(1)).sum()), int((references < 0).sum())
     if not_finite or alone or not len(wrenches):
         raise FileFormatError(
             expected=f"pairs with six finite numbers and a reference in {folder}",
@@ -190,21 +166,13 @@ def read_pair_columns(folder: Path) -> Any:
     return table
 
 
-def read_name_column(table: Any, column: str, missing: str = "") -> list[str]:
-    """Return a column of names as a list; an empty value becomes `missing`."""
-    return [name or missing for name in table[column].to_pylist()]
+def read_name_column(table: Any, column: str, missing: str = "") -> Shaped[Array, " n"]:
+    """Return a column of names; an empty value becomes `missing`."""
+    return np.array([name or missing for name in table[column].to_pylist()], dtype=np.str_)
 
 
-def _label_column(table: Any, column: str, missing: str = "") -> CategoricalColumn:
-    """Return a column of names with its sorted different values."""
-    values = read_name_column(table, column, missing or (NO_OBJECT if column == "object" else ""))
-    names, codes = np.unique(np.array(values, dtype=np.str_), return_inverse=True)
-    return CategoricalColumn(tuple(names.tolist()), codes.astype(np.int64).ravel())
-
-
-def _reference_column(folder: Path, table: Any) -> CategoricalColumn:
-    """Return the reference ids of the pairs, in the order of the file of reference images."""
+def _reference_rows(folder: Path, table: Any) -> Int64[Array, " n"]:
+    """Return the row of each pair's reference image in the file of reference images, −1 where there is none."""
     ids: Sequence[str] = read_columns([folder / REFERENCES_FILE], ["reference_id"])["reference_id"].to_pylist()
-    index = {name: number for number, name in enumerate(ids)}
-    codes = [-1 if name is None else index.get(name, -1) for name in table["reference_id"].to_pylist()]
-    return CategoricalColumn(tuple(ids), np.array(codes, np.int64))
+    rows = {name: number for number, name in enumerate(ids)}
+    return np.array([rows.get(name, -1) for name in table["reference_id"].to_pylist()], np.int64)

@@ -16,24 +16,24 @@ A split file is JSON with one id a line, so that two splits can be compared by a
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import read_regular_file
+from ninedtact.bounds_and_checked_reading import read_regular_file, require_within_bounds
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import NO_OBJECT
 
 Kind = Literal["standard", "object", "sensor", "sensor_and_object"]
-What = Literal["pairs", "objects", "sensors"]
-Amount = int | float
+_What = Literal["pairs", "objects", "sensors"]
+_Amount = int | float
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class SplitSettings:
     """Kind of a split, and how much is held out: each amount is a number (18) or a fraction between 0 and 1 (0.1)."""
 
     kind: Kind = "standard"
-    pairs: Amount = 10_000
+    pairs: _Amount = 10_000
     """Amount of pairs that `standard` holds out."""
-    objects: Amount = 18
+    objects: _Amount = 18
     """Amount of objects that `object` and `sensor_and_object` hold out."""
-    sensors: Amount = 0.2
+    sensors: _Amount = 0.2
     """Amount of sensors that `sensor` and `sensor_and_object` hold out."""
     by_contact: bool = False
     """Whether `standard` holds out whole contacts, as many as make up the number of pairs."""
@@ -112,8 +112,8 @@ class DatasetSplit:
         if len(place) != len(ids) or place.keys() != known:
             raise FileFormatError(
                 expected=f"the {len(known)} pairs of the split",
-                got=f"{count_with_example(set(place) - known)} that it does not know, "
-                f"{count_with_example(known - set(place))} of its own missing, and {len(ids) - len(place)} "
+                got=f"{_count_with_example(set(place) - known)} that it does not know, "
+                f"{_count_with_example(known - set(place))} of its own missing, and {len(ids) - len(place)} "
                 "ids repeated",
                 remedy="give the data set that it was made from, or split again",
             )
@@ -128,89 +128,65 @@ def split_dataset(pairs: SplitKeys, settings: SplitSettings = SplitSettings()) -
     """
     if len(pairs.ids) < 2:
         raise InputError(expected="at least 2 pairs to divide", got=f"{len(pairs.ids)}", remedy="record more")
-    held = HeldOutSelection(pairs, settings)
-    is_test, is_train = held.masks
-    ids = np.asarray(pairs.ids, dtype=str)
+    ids, kind = np.asarray(pairs.ids, dtype=str), settings.kind
+    objects = _held_out_names(pairs, settings, "objects") if "object" in kind else ()
+    sensors = _held_out_names(pairs, settings, "sensors") if "sensor" in kind else ()
+    of_objects = _is_of_objects(pairs, objects, settings.seed) if objects else None
+    of_sensors = np.isin(pairs.column("sensors"), sensors) if sensors else None
+    if of_objects is not None and of_sensors is not None:
+        # Pairs without contact have no object: their sensor alone decides, and none of them is left out.
+        of_objects = np.where(pairs.column("objects") == NO_OBJECT, of_sensors, of_objects)
+        is_test, is_train = of_sensors & of_objects, ~(of_sensors | of_objects)
+    else:
+        held = of_objects if of_objects is not None else of_sensors
+        is_test = _is_of_random_pairs(pairs, settings) if held is None else held
+        is_train = ~is_test
     for name, part in (("train", is_train), ("test", is_test)):
         if not part.any():
             raise InputError(
                 expected=f"pairs to {name} with",
-                got=f"none of {len(ids)} by the {settings.kind} split",
+                got=f"none of {len(ids)} by the {kind} split",
                 remedy="hold out other amounts, or take another seed",
             )
     train, test, rest = (tuple(sorted(ids[part].tolist())) for part in (is_train, is_test, ~(is_train | is_test)))
-    return DatasetSplit(settings, train, test, rest, held.object_names, held.sensor_names)
+    return DatasetSplit(settings, train, test, rest, objects, sensors)
 
 
-@dataclass(frozen=True)
-class HeldOutSelection:
-    """Computes which of the pairs a split with these settings holds out."""
-
-    pairs: SplitKeys
-    settings: SplitSettings
-
-    @property
-    def masks(self) -> tuple[Bool[Array, " n"], Bool[Array, " n"]]:
-        """Masks of the test pairs and of the training pairs."""
-        if self.settings.kind == "sensor_and_object":
-            # Pairs without contact have no object: their sensor alone decides, and none of them is left out.
-            untouched = self.pairs.column("objects") == NO_OBJECT
-            of_object = np.where(untouched, self.of_sensors, self.of_objects)
-            return self.of_sensors & of_object, ~(self.of_sensors | of_object)
-        kinds = {"standard": "of_pairs", "object": "of_objects", "sensor": "of_sensors"}
-        held: Bool[Array, " n"] = getattr(self, kinds[self.settings.kind])
-        return held, ~held
-
-    @property
-    def of_pairs(self) -> Bool[Array, " n"]:
-        """Mask of randomly chosen pairs, or of randomly chosen whole contacts up to the number of pairs."""
-        missing = held_out_count(self.settings.pairs, len(self.pairs.ids), "pairs")
-        groups = self.pairs.column("contacts") if self.settings.by_contact else np.asarray(self.pairs.ids, dtype=str)
-        sizes, held = Counter(groups.tolist()), []
-        for name in rank_by_hash(sizes, self.settings.seed, "pairs"):
-            if missing <= 0:
-                break
-            held.append(name)
-            missing -= sizes[name]
-        return np.isin(groups, held)
-
-    @property
-    def of_objects(self) -> Bool[Array, " n"]:
-        """Mask of all pairs of the held-out objects, and of the same fraction of the pairs without contact."""
-        objects, ids = self.pairs.column("objects"), np.asarray(self.pairs.ids, dtype=str)
-        untouched = rank_by_hash(ids[objects == NO_OBJECT].tolist(), self.settings.seed, "pairs")
-        share = len(self.object_names) / len(set(objects.tolist()) - {NO_OBJECT})
-        return np.isin(objects, self.object_names) | np.isin(ids, untouched[: round(share * len(untouched))])
-
-    @property
-    def of_sensors(self) -> Bool[Array, " n"]:
-        """Mask of all pairs of the held-out sensors."""
-        return np.isin(self.pairs.column("sensors"), self.sensor_names)
-
-    @cached_property
-    def object_names(self) -> tuple[str, ...]:
-        """Names of the held-out objects."""
-        return self.chosen("objects") if "object" in self.settings.kind else ()
-
-    @cached_property
-    def sensor_names(self) -> tuple[str, ...]:
-        """Names of the held-out sensors."""
-        return self.chosen("sensors") if "sensor" in self.settings.kind else ()
-
-    def chosen(self, what: Literal["objects", "sensors"]) -> tuple[str, ...]:
-        """Return the sorted names of the objects or sensors to hold out; raises `InputError`."""
-        different = set(self.pairs.column(what).tolist()) - {NO_OBJECT}
-        if len(different) < 2:
-            raise InputError(
-                expected=f"at least 2 different {what} to hold some out",
-                got=f"{len(different)}",
-                remedy=f"record more {what}, or split the standard way",
-            )
-        number = held_out_count(getattr(self.settings, what), len(different), what)
-        return tuple(sorted(rank_by_hash(different, self.settings.seed, what)[:number]))
+def _is_of_random_pairs(pairs: SplitKeys, settings: SplitSettings) -> Bool[Array, " n"]:
+    """Return the mask of randomly chosen pairs, or of randomly chosen whole contacts up to the number of pairs."""
+    missing = _held_out_count(settings.pairs, len(pairs.ids), "pairs")
+    groups = pairs.column("contacts") if settings.by_contact else np.asarray(pairs.ids, dtype=str)
+    sizes, held = Counter(groups.tolist()), []
+    for name in _rank_by_hash(sizes, settings.seed, "pairs"):
+        if missing <= 0:
+            break
+        held.append(name)
+        missing -= sizes[name]
+    return np.isin(groups, held)
 
 
-def held_out_count(amount: Amount, available: int, what: What) -> int:
+def _is_of_objects(pairs: SplitKeys, held: Sequence[str], seed: int) -> Bool[Array, " n"]:
+    """Return the mask of all pairs of these objects, and of the same fraction of the pairs without contact."""
+    objects, ids = pairs.column("objects"), np.asarray(pairs.ids, dtype=str)
+    untouched = _rank_by_hash(ids[objects == NO_OBJECT].tolist(), seed, "pairs")
+    share = len(held) / len(set(objects.tolist()) - {NO_OBJECT})
+    return np.isin(objects, held) | np.isin(ids, untouched[: round(share * len(untouched))])
+
+
+def _held_out_names(pairs: SplitKeys, settings: SplitSettings, what: Literal["objects", "sensors"]) -> tuple[str, ...]:
+    """Return the sorted names of the objects or sensors to hold out; raises `InputError`."""
+    different = set(pairs.column(what).tolist()) - {NO_OBJECT}
+    if len(different) < 2:
+        raise InputError(
+            expected=f"at least 2 different {what} to hold some out",
+            got=f"{len(different)}",
+            remedy=f"record more {what}, or split the standard way",
+        )
+    number = _held_out_count(getattr(settings, what), len(different), what)
+    return tuple(sorted(_rank_by_hash(different, settings.seed, what)[:number]))
+
+
+def _held_out_count(amount: _Amount, available: int, what: _What) -> int:
     """Return an amount as a whole number that leaves at least one item on each side; raises `InputError`."""
     number = round(amount * available) if 0 < amount < 1 else amount
     if not (0 < number < available and number == int(number)):
@@ -222,22 +198,22 @@ def held_out_count(amount: Amount, available: int, what: What) -> int:
     return int(number)
 
 
-def rank_by_hash(names: Iterable[str], seed: int, what: What) -> list[str]:
+def _rank_by_hash(names: Iterable[str], seed: int, what: _What) -> list[str]:
     """Return names in a pseudo-random order that depends only on the seed, on `what`, and on each name itself."""
     return sorted(names, key=lambda name: (blake2b(f"{seed}/{what}/{name}".encode()).digest(), name))
 
 
-def count_with_example(names: set[str]) -> str:
+def _count_with_example(names: set[str]) -> str:
     """Return the number of names as text, with one of them as an example."""
     return f"{len(names)} (such as {min(names)!r})" if names else "0"
 
 
-SPLIT_FORMAT = 1
+_SPLIT_FORMAT = 1
 
 
 def write_split(path: Path | str, split: DatasetSplit) -> None:
     """Write a split file atomically; raises `FileNotWritten`."""
-    table = {"format": SPLIT_FORMAT, **asdict(split)}
+    table = {"format": _SPLIT_FORMAT, **asdict(split)}
     write_file_atomically(path, msgspec.json.format(msgspec.json.encode(table), indent=1), b"\n")
 
 
@@ -253,10 +229,56 @@ def read_split(path: Path | str) -> DatasetSplit:
         ) from trouble
     counts = Counter([*read.train, *read.test, *read.left_out])
     repeated = counts.total() - len(counts)
-    if version != SPLIT_FORMAT or not read.train or not read.test or repeated:
+    if version != _SPLIT_FORMAT or not read.train or not read.test or repeated:
         raise FileFormatError(
-            expected=f"a split in {path}, format {SPLIT_FORMAT}, with pairs to train and to test, each once",
+            expected=f"a split in {path}, format {_SPLIT_FORMAT}, with pairs to train and to test, each once",
             got=f"format {version} with {len(read.train)} to train, {len(read.test)} to test and {repeated} repeated",
             remedy="split again",
         )
     return read
+
+
+@dataclass(frozen=True)
+class HeldOutSettings:
+    """Which pairs are held out of the training; the best epoch is chosen by them. Raises `InputError`."""
+
+    held_out: Kind | None = None
+    """What is held out to choose the best epoch by. By default sensors and objects, or objects alone for data of one sensor."""
+    held_out_fraction: Annotated[float, Meta(gt=0, lt=1)] = 0.1
+    """Held-out part of the objects, of the sensors or of the pairs."""
+    split: Path | None = None
+    """Split file. Its test part is not used at all."""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    """Seed of the held-out pairs, and in a training of the initial weights, the order and the augmentation."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds(self)
+
+    def rows(
+        self,
+        ids: Sequence[str],
+        objects: Sequence[str],
+        sensors: Sequence[str],
+        all_ids: Sequence[str] | None = None,
+    ) -> SplitRows:
+        """Return the rows for training and for validation; raises `InputError`, `FileFormatError`.
+
+        all_ids: ids of the whole data set, which a split file is of, where some of its pairs are no examples.
+        """
+        train = np.arange(len(ids))
+        if self.split is not None:
+            split = read_split(self.split)
+            split.rows(ids if all_ids is None else all_ids)
+            train = np.flatnonzero(np.isin(np.asarray(ids, dtype=str), split.train))
+        names, objects_kept, sensors_kept = (np.asarray(column)[train].tolist() for column in (ids, objects, sensors))
+        settings = self._split_settings(set(objects_kept), set(sensors_kept), len(train))
+        inner = split_dataset(SplitKeys(names, objects_kept, sensors_kept), settings).rows(names)
+        return SplitRows(train[inner.train], train[inner.test])
+
+    def _split_settings(self, objects: set[str], sensors: set[str], pairs: int) -> SplitSettings:
+        """Return the settings of a split with this fraction of each, and one of each at least."""
+        kind = self.held_out or ("sensor_and_object" if len(sensors) > 1 else "object")
+        counts = [
+            max(1, round(self.held_out_fraction * count)) for count in (len(objects - {NO_OBJECT}), len(sensors), pairs)
+        ]
+        return SplitSettings(kind, objects=counts[0], sensors=counts[1], pairs=counts[2], seed=self.seed)

@@ -3,7 +3,7 @@
 `gymnasium.make("ninedtact/BallRolling-v0")` works after this module was imported.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -47,7 +47,8 @@ class BallRollingEnvironment(TactileEnvironment):
     """
 
     scene = SCENE
-    actions = 3
+    approach = (0.0, 0.0, 0.0)
+    more_spaces: ClassVar = {"goal_mm": gymnasium.spaces.Box(-_GOAL_MM, _GOAL_MM, (2,), np.float32)}
     _goal_mm = np.zeros(2)
 
     def arrange_scene(self) -> None:
@@ -55,10 +56,6 @@ class BallRollingEnvironment(TactileEnvironment):
         self.data.joint(0).qpos[:2] = self.np_random.uniform(-_START_MM, _START_MM, 2) / 1e3
         angle = self.np_random.uniform(0, 2 * np.pi)
         self._goal_mm = _GOAL_MM * np.array([np.cos(angle), np.sin(angle)])
-
-    def approach(self) -> Any:
-        """Return the action that presses the plate on the ball."""
-        return np.zeros(self.actions)
 
     def act(self, action: Any) -> None:
         """Move the plate and set its force."""
@@ -77,17 +74,12 @@ class BallRollingEnvironment(TactileEnvironment):
             "load_n": -float(reading.scene_wrench.force_n[2]),
         }
 
-    def more_spaces(self) -> dict[str, Any]:
-        """Return the space of the goal."""
-        return {"goal_mm": gymnasium.spaces.Box(-_GOAL_MM, _GOAL_MM, (2,), np.float32)}
-
     def more_observations(self) -> Observation:
         """Return the goal."""
         return {"goal_mm": np.clip(self._goal_mm, -_GOAL_MM, _GOAL_MM).astype(np.float32)}
 
     @property
     def _ball_mm(self) -> Any:
-        """The x and y of the ball on the skin."""
         return 1e3 * self.data.body("ball").xpos[:2].copy()
 
     @property

@@ -42,8 +42,7 @@ class EdgeFollowingEnvironment(TactileEnvironment):
     """
 
     scene = SCENE
-    actions = 3
-    _progress_before_mm = 0.0
+    approach = (0.0, 0.0, 1.0)
 
     def arrange_scene(self) -> None:
         """Turn and move the rail."""
@@ -52,24 +51,14 @@ class EdgeFollowingEnvironment(TactileEnvironment):
         rail.quat[:] = np.cos(turn / 2), 0, 0, np.sin(turn / 2)
         rail.pos[1] = self.np_random.uniform(-_OFFSET_MM, _OFFSET_MM) / 1e3
 
-    def approach(self) -> Any:
-        """Return the action that lowers the sensor."""
-        return np.array([0.0, 0.0, 1.0])
-
-    def begin_task(self) -> None:
-        """Remember where the rail is touched first."""
-        self._progress_before_mm = self._progress_mm
-
     def act(self, action: Any) -> None:
         """Move the springs' ends."""
         self.data.ctrl += action * SPEED_MM_PER_S * STEP_S / 1e3
 
     def judge(self, state: dict[str, Any]) -> tuple[float, bool]:
         """Return the reward of a step, and whether the end of the rail is reached."""
-        progress_mm, before_mm = self._progress_mm, self._progress_before_mm
-        self._progress_before_mm = progress_mm
         error = abs(state["offset_mm"]) + abs(state["load_n"] - LOAD_N)
-        return float(progress_mm - before_mm - 0.1 * error), bool(progress_mm >= RAIL_MM)
+        return self.progress_mm() - 0.1 * error, self.distance_mm <= 0
 
     def state(self, reading: TactileReading) -> dict[str, Any]:
         """Return where the rail is from the middle of the skin, and the load of the scene."""
@@ -80,9 +69,9 @@ class EdgeFollowingEnvironment(TactileEnvironment):
         return {"offset_mm": 1e3 * float(offset), "load_n": -float(reading.scene_wrench.force_n[2])}
 
     @property
-    def _progress_mm(self) -> float:
-        """The way along the first direction of the rail."""
-        return 1e3 * float(self.data.joint("along").qpos[0])
+    def distance_mm(self) -> float:
+        """The rest of the way along the first direction of the rail."""
+        return RAIL_MM - 1e3 * float(self.data.joint("along").qpos[0])
 
 
 gymnasium.register("ninedtact/EdgeFollowing-v0", entry_point=EdgeFollowingEnvironment)

@@ -155,7 +155,6 @@ class TactileSensorBatch:
         return presses.on_skin(self.twin.model.skin).unstack(solids)
 
     def _solve_alone(self, request: ContactSolveRequest, number: int) -> Press:
-        """Return one press; raises its refusal with the number of the scene."""
         try:
             return self._solve_group(self._twin(request.friction), [request])[0]
         except NinedtactError as refusal:

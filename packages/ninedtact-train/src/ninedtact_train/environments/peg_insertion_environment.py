@@ -71,16 +71,12 @@ class PegInsertionEnvironment(TactileEnvironment):
     """
 
     scene = SCENE
-    actions = 3
+    approach = (0.0, 0.0, 0.0)
 
     def arrange_scene(self) -> None:
         """Place the hole."""
         angle, offset_mm = self.np_random.uniform(0, 2 * np.pi), self.np_random.uniform(*_OFFSETS_MM)
         self.model.body("plate").pos[:2] = offset_mm / 1e3 * np.array([np.cos(angle), np.sin(angle)])
-
-    def approach(self) -> Any:
-        """Return the action that lets the thumb close."""
-        return np.zeros(self.actions)
 
     def act(self, action: Any) -> None:
         """Move the hand."""

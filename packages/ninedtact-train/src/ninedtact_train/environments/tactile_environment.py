@@ -53,8 +53,10 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     """The MuJoCo scene (MJCF)."""
     gel_geom: ClassVar[str | int | None] = None
     """Name or number of the geom of body `sensor` that is the gel, needed where several collide."""
-    actions: ClassVar[int]
-    """Number of the actions, each from −1 to 1."""
+    approach: ClassVar[tuple[float, ...]]
+    """The action that brings the sensor into contact at the start; every action is as many numbers from −1 to 1."""
+    more_spaces: ClassVar[dict[str, Any]] = {}
+    """The spaces of the task's own observations."""
 
     def __init__(
         self,
@@ -85,8 +87,8 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
             "heights": gymnasium.spaces.Box(-np.inf, np.inf, IMAGE_SHAPE, np.float32),
             "wrench": gymnasium.spaces.Box(-np.inf, np.inf, (6,), np.float32),
         }
-        self.observation_space = gymnasium.spaces.Dict(spaces | self.more_spaces())
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (self.actions,), np.float32)
+        self.observation_space = gymnasium.spaces.Dict(spaces | self.more_spaces)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.approach),), np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -97,19 +99,23 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         self.arrange_scene()
         (self._calibrated or self.sensor).open()
         self._steps = self._lost = 0
-        reading = self._advance(np.zeros(self.actions))
+        approach = np.array(self.approach)
+        reading = self._advance(np.zeros_like(approach))
         while -reading.scene_wrench.force_n[2] < TOUCH_N:
-            reading = self._advance(self.approach())
+            reading = self._advance(approach)
         self._distance_before_mm = self.distance_mm
-        self.begin_task()
         return self._observation(reading), self.state(reading)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Act for 20 ms; raises `InputError` for an action that is not as many finite numbers as the task has."""
         action = np.asarray(action, float)
-        if action.shape != (self.actions,) or not np.isfinite(action).all():  # MuJoCo would reset the scene in silence
+        if (
+            action.shape != (len(self.approach),) or not np.isfinite(action).all()
+        ):  # MuJoCo would reset the scene in silence
             raise InputError(
-                expected=f"an action of {self.actions} finite numbers", got=f"{action.tolist()}", remedy="correct it"
+                expected=f"an action of {len(self.approach)} finite numbers",
+                got=f"{action.tolist()}",
+                remedy="correct it",
             )
         self._steps += 1
         try:
@@ -133,10 +139,6 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         """Place what is placed at random, with `self.np_random`."""
 
     @abstractmethod
-    def approach(self) -> Any:
-        """Return the action that brings the sensor into contact at the start."""
-
-    @abstractmethod
     def act(self, action: Any) -> None:
         """Change the controls of the scene by the clipped actions of one step."""
 
@@ -148,22 +150,19 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     def judge(self, state: dict[str, Any]) -> tuple[float, bool]:
         """Return the reward of a step, and whether the task is done."""
 
-    def begin_task(self) -> None:
-        """Remember what rewards refer to, now that the sensor touches."""
-
     @property
+    @abstractmethod
     def distance_mm(self) -> float:
-        """The distance that `progress_reward` rewards to shorten."""
-        return 0.0
+        """The distance from the place where the task is done."""
+
+    def progress_mm(self) -> float:
+        """Return by how much the distance has shrunk since the last call, or since the start of the episode."""
+        before_mm, self._distance_before_mm = self._distance_before_mm, self.distance_mm
+        return float(before_mm - self._distance_before_mm)
 
     def progress_reward(self, arrived: bool) -> tuple[float, bool]:
-        """Return the mm by which the distance has shrunk since the last step, less 0.05, with 10 more on arrival; and `arrived`."""
-        before_mm, self._distance_before_mm = self._distance_before_mm, self.distance_mm
-        return float(before_mm - self._distance_before_mm - _STEP_COST + _ARRIVAL_REWARD * arrived), bool(arrived)
-
-    def more_spaces(self) -> dict[str, Any]:
-        """Return the spaces of the task's own observations."""
-        return {}
+        """Return the progress, less 0.05, with 10 more on arrival; and `arrived`."""
+        return self.progress_mm() - _STEP_COST + _ARRIVAL_REWARD * arrived, bool(arrived)
 
     def more_observations(self) -> Observation:
         """Return the task's own observations."""

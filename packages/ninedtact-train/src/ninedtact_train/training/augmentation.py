@@ -19,37 +19,38 @@ import torch.nn.functional as nnf
 from torch import Generator, Tensor
 
 from ninedtact_train.training.examples import TrainingBatch
+from ninedtact_train.training.settings import (
+    Augmentation,
+    GeometricAugmentation,
+    HeightPerturbations,
+    PhotometricPerturbations,
+)
 
 
-@dataclass(frozen=True)
-class GeometricAugmentation:
-    """Ranges by which examples are mirrored, rotated, shifted and scaled; each image of a batch has its own random transform."""
+def augment_batch(
+    settings: Augmentation, batch: TrainingBatch, mm_per_px: float, generator: Generator
+) -> TrainingBatch:
+    """Return another batch of the same contacts, randomly changed: moved, then with errors of heights or of images."""
+    transforms = sample_transforms(settings.geometric, len(batch.wrench), generator)
+    transformed = transform_training_batch(batch, transforms, mm_per_px)
+    if transformed.references is None:
+        return perturb_heights(settings.heights, transformed, mm_per_px, generator)
+    return perturb_light(settings.photometric, transformed, generator)
 
-    mirror: bool = True
-    """Whether images are mirrored along x, along y, both or neither, each with equal probability."""
-    transformed_share: float = 0.5
-    """Part of the images that are rotated, shifted and scaled; the others stay sharp."""
-    max_rotation_deg: float = 10.0
-    max_shift_mm: float = 0.6
-    scale_std: float = 0.005
 
-    def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
-        """Return the batch with a random transform applied to each of its examples."""
-        return transform_training_batch(batch, self.sample_transforms(len(batch.wrench), generator), mm_per_px)
+def sample_transforms(settings: GeometricAugmentation, n: int, generator: Generator) -> "GeometricTransforms":
+    """Sample n transforms from the generator."""
+    device = generator.device
 
-    def sample_transforms(self, n: int, generator: Generator) -> "GeometricTransforms":
-        """Sample n transforms from the generator."""
-        device = generator.device
+    def uniform(*shape: int) -> Tensor:
+        return 2 * torch.rand(n, *shape, generator=generator, device=device) - 1
 
-        def uniform(*shape: int) -> Tensor:
-            return 2 * torch.rand(n, *shape, generator=generator, device=device) - 1
-
-        chosen = (torch.rand(n, generator=generator, device=device) < self.transformed_share).float()
-        mirror = uniform(2).sign() if self.mirror else torch.ones(n, 2, device=device)
-        rotation = chosen * uniform() * radians(self.max_rotation_deg)
-        shift = chosen[:, None] * uniform(2) * self.max_shift_mm
-        scale = 1 + chosen * self.scale_std * torch.randn(n, generator=generator, device=device)
-        return GeometricTransforms(mirror, rotation, shift, scale)
+    chosen = (torch.rand(n, generator=generator, device=device) < settings.transformed_share).float()
+    mirror = uniform(2).sign() if settings.mirror else torch.ones(n, 2, device=device)
+    rotation = chosen * uniform() * radians(settings.max_rotation_deg)
+    shift = chosen[:, None] * uniform(2) * settings.max_shift_mm
+    scale = 1 + chosen * settings.scale_std * torch.randn(n, generator=generator, device=device)
+    return GeometricTransforms(mirror, rotation, shift, scale)
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,6 @@ def _transform_tractions(transform: GeometricTransforms, tractions: Tensor, grid
 
 
 def _transform_wrench(transform: GeometricTransforms, wrench: Tensor) -> Tensor:
-    """Return the transformed wrenches (n, 6), N and N·m about the skin's centre."""
     sign = transform.mirror.prod(1, keepdim=True)
     linear = transform.linear_part
     force, torque = wrench[:, :3], wrench[:, 3:]
@@ -120,80 +120,55 @@ def _resample(fields: Tensor, grid: Tensor) -> Tensor:
     return found[:, 0]
 
 
-@dataclass(frozen=True)
-class HeightPerturbations:
-    """Perturbations that simulate errors of a depth calibration and its images: standard deviations, except those named `max`."""
-
-    gain: float = 0.03
-    """Relative error of indentations and, independently, of bulges."""
-    offset_mm: float = 0.004
-    tilt: float = 0.0005
-    """Slope along x and along y, mm per mm."""
-    max_noise_mm: float = 0.012
-    max_noise_width_mm: float = 0.6
-    """Standard deviation of the Gaussian that smooths the noise."""
-    features: float = 0.05
-    """Relative error of the features of the sensor's light; the gel's thickness is not changed."""
-
-    def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
-        """Return the batch with independent errors added to each height map (mm)."""
-        z_mm = batch.images
-        indented, bulging = (1 + self.gain * _normal_samples(generator, len(z_mm), 1, 1) for _ in range(2))
-        gained = torch.where(z_mm < 0, z_mm * indented, z_mm * bulging)
-        return replace(
-            batch,
-            images=gained
-            + self._sample_planes(z_mm, mm_per_px, generator)
-            + self._sample_noise(z_mm, mm_per_px, generator),
-            sensor_features=self._perturb_features(batch.sensor_features, generator),
-        )
-
-    def _perturb_features(self, features: Tensor, generator: Generator) -> Tensor:
-        """Return the sensor features (n, features) with random errors, as repeated calibrations of the same sensors would have."""
-        factor = 1 + self.features * _normal_samples(generator, *features.shape)
-        return torch.cat([features[:, :1], (features * factor)[:, 1:]], 1)
-
-    def _sample_planes(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
-        """Sample an offset and a tilt for each height map."""
-        n, rows, cols = z_mm.shape
-        x, y = (
-            (torch.arange(side, device=z_mm.device) - (side - 1) / 2) * (mm_per_px * self.tilt) for side in (cols, rows)
-        )
-        offset, along_x, along_y = (_normal_samples(generator, n, 1, 1) for _ in range(3))
-        return self.offset_mm * offset + along_x * x + along_y * y[:, None]
-
-    def _sample_noise(self, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
-        """Sample smooth noise, with one random width for the whole batch and a random strength for each height map."""
-        if self.max_noise_mm == 0:
-            return torch.zeros_like(z_mm)
-        width_px = self.max_noise_width_mm / mm_per_px * torch.rand((), generator=generator, device=z_mm.device)
-        strength = self.max_noise_mm * torch.rand(len(z_mm), 1, 1, generator=generator, device=z_mm.device)
-        max_reach_px = ceil(3 * self.max_noise_width_mm / mm_per_px)
-        return strength * _smooth_noise(_normal_samples(generator, *z_mm.shape), width_px, max_reach_px)
+def perturb_heights(
+    settings: HeightPerturbations, batch: TrainingBatch, mm_per_px: float, generator: Generator
+) -> TrainingBatch:
+    """Return the batch with independent errors added to each height map (mm)."""
+    z_mm = batch.images
+    indented, bulging = (1 + settings.gain * _normal_samples(generator, len(z_mm), 1, 1) for _ in range(2))
+    gained = torch.where(z_mm < 0, z_mm * indented, z_mm * bulging)
+    planes = _sample_planes(settings, z_mm, mm_per_px, generator)
+    noise = _sample_noise(settings, z_mm, mm_per_px, generator)
+    features = _perturb_features(settings, batch.sensor_features, generator)
+    return replace(batch, images=gained + planes + noise, sensor_features=features)
 
 
-@dataclass(frozen=True)
-class PhotometricPerturbations:
-    """Perturbations that simulate errors of light and camera: standard deviations, except the one named `max`."""
+def _perturb_features(settings: HeightPerturbations, features: Tensor, generator: Generator) -> Tensor:
+    """Return the sensor features (n, features) with random errors, as repeated calibrations of the same sensors would have."""
+    factor = 1 + settings.features * _normal_samples(generator, *features.shape)
+    return torch.cat([features[:, :1], (features * factor)[:, 1:]], 1)
 
-    gain: float = 0.05
-    """Relative change of brightness of image and reference together, as by another lamp."""
-    drift: float = 0.004
-    """Relative change of brightness between reference and image, as by a lamp that warms up."""
-    max_noise_grey: float = 0.7
 
-    def __call__(self, batch: TrainingBatch, generator: Generator) -> TrainingBatch:
-        """Return the batch with independent errors of each image and its reference (grey levels)."""
-        assert batch.references is not None
-        n = len(batch.images)
-        gain, drift = (1 + std * _normal_samples(generator, n, 1, 1) for std in (self.gain, self.drift))
-        strength = self.max_noise_grey * torch.rand(n, 1, 1, generator=generator, device=generator.device)
-        images = batch.images * gain + strength * _normal_samples(generator, *batch.images.shape)
-        return replace(batch, images=images.clamp(0, 255), references=(batch.references * gain * drift).clamp(0, 255))
+def _sample_planes(settings: HeightPerturbations, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
+    n, rows, cols = z_mm.shape
+    x, y = (
+        (torch.arange(side, device=z_mm.device) - (side - 1) / 2) * (mm_per_px * settings.tilt) for side in (cols, rows)
+    )
+    offset, along_x, along_y = (_normal_samples(generator, n, 1, 1) for _ in range(3))
+    return settings.offset_mm * offset + along_x * x + along_y * y[:, None]
+
+
+def _sample_noise(settings: HeightPerturbations, z_mm: Tensor, mm_per_px: float, generator: Generator) -> Tensor:
+    """Sample smooth noise, with one random width for the whole batch and a random strength for each height map."""
+    if settings.max_noise_mm == 0:
+        return torch.zeros_like(z_mm)
+    width_px = settings.max_noise_width_mm / mm_per_px * torch.rand((), generator=generator, device=z_mm.device)
+    strength = settings.max_noise_mm * torch.rand(len(z_mm), 1, 1, generator=generator, device=z_mm.device)
+    max_reach_px = ceil(3 * settings.max_noise_width_mm / mm_per_px)
+    return strength * _smooth_noise(_normal_samples(generator, *z_mm.shape), width_px, max_reach_px)
+
+
+def perturb_light(settings: PhotometricPerturbations, batch: TrainingBatch, generator: Generator) -> TrainingBatch:
+    """Return the batch with independent errors of each image and its reference (grey levels)."""
+    assert batch.references is not None
+    n = len(batch.images)
+    gain, drift = (1 + std * _normal_samples(generator, n, 1, 1) for std in (settings.gain, settings.drift))
+    strength = settings.max_noise_grey * torch.rand(n, 1, 1, generator=generator, device=generator.device)
+    images = batch.images * gain + strength * _normal_samples(generator, *batch.images.shape)
+    return replace(batch, images=images.clamp(0, 255), references=(batch.references * gain * drift).clamp(0, 255))
 
 
 def _normal_samples(generator: Generator, *shape: int) -> Tensor:
-    """Sample standard normal numbers on the generator's device."""
     return torch.randn(*shape, generator=generator, device=generator.device)
 
 
@@ -204,28 +179,3 @@ def _smooth_noise(noise: Tensor, width_px: Tensor, max_reach_px: int) -> Tensor:
     kernel = kernel / kernel.norm()
     across = nnf.conv2d(nnf.pad(noise[:, None], (max_reach_px,) * 4, mode="circular"), kernel[None, None, None, :])
     return nnf.conv2d(across, kernel[None, None, :, None])[:, 0]
-
-
-@dataclass(frozen=True)
-class Augmentation:
-    """All random changes of a batch: geometric ones, then perturbations of heights or of images."""
-
-    geometric: GeometricAugmentation = GeometricAugmentation()
-    heights: HeightPerturbations = HeightPerturbations()
-    """Perturbations that are applied to height maps."""
-    photometric: PhotometricPerturbations = PhotometricPerturbations()
-    """Perturbations that are applied to images with references."""
-
-    def __call__(self, batch: TrainingBatch, mm_per_px: float, generator: Generator) -> TrainingBatch:
-        """Return another batch of the same contacts, randomly changed."""
-        transformed = self.geometric(batch, mm_per_px, generator)
-        if transformed.references is None:
-            return self.heights(transformed, mm_per_px, generator)
-        return self.photometric(transformed, generator)
-
-
-NO_AUGMENTATION = Augmentation(
-    GeometricAugmentation(False, 0.0, 0.0, 0.0, 0.0),
-    HeightPerturbations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    PhotometricPerturbations(0.0, 0.0, 0.0),
-)

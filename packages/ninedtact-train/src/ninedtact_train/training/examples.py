@@ -1,6 +1,6 @@
 """Training examples (images or heights with wrenches), in memory or mapped from a file, and their batches in a seeded order."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float32, Float64, Int, Shaped
 from numpy import ndarray as Array
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import DataLoader, Dataset
 
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
@@ -20,7 +20,7 @@ from ninedtact.force.network_input import (
     stack_height_channels,
     stack_image_channels,
 )
-from ninedtact.quantities import WRENCH_AXES
+from ninedtact.quantities import WRENCH_AXES, Wrench
 from ninedtact_train.dataset.split import SplitRows
 
 _FEWEST_PAIRS = 2
@@ -77,7 +77,7 @@ class TrainingExamples:
 
     @property
     def labels(self) -> Float32[Array, "n 6"]:
-        """What the network learns: the wrench, or what physics lacks of it."""
+        """What the network learns, about the skin's centre: the wrench, or what physics lacks of it."""
         return self.wrench if self.physics is None else self.wrench - self.physics
 
     def __len__(self) -> int:
@@ -112,33 +112,23 @@ def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, sett
             got=f"{size[1]} x {size[0]}",
             remedy="read the data at that size",
         )
-    if settings.channels.of_physics != (examples.tractions is not None and examples.physics is not None):
-        raise ForceEstimationError(
-            expected=f"examples for the channels {settings.channels.value!r}",
-            got=f"some {'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics",
-            remedy="choose other channels",
-        )
-    if settings.channels.of_heights != (examples.references is None) or (examples.reference_of is None) != (
-        examples.references is None
-    ):
+    parts = (examples.references, examples.reference_of, examples.tractions, examples.physics)
+    of_images, of_physics = not settings.channels.of_heights, settings.channels.of_physics
+    if [part is not None for part in parts] != [of_images, of_images, of_physics, of_physics]:
         given = "heights" if examples.references is None else "images with references"
         raise ForceEstimationError(
             expected=f"examples for the channels {settings.channels.value!r}",
-            got=f"{given}",
+            got=f"{given} {'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics",
             remedy="give the other kind, or choose other channels",
         )
 
 
-def move_examples_to_torque_point(examples: TrainingExamples, point_mm: tuple[float, float, float]) -> TrainingExamples:
-    """Return the examples with torques about another point, given from the present one, as `Wrench.about` moves them."""
-    physics = None if examples.physics is None else _move_torques(examples.physics, point_mm)
-    return replace(examples, wrench=_move_torques(examples.wrench, point_mm), physics=physics)
-
-
-def _move_torques(six: Float32[Array, "n 6"], point_mm: tuple[float, float, float]) -> Float32[Array, "n 6"]:
-    """Return wrenches with torques about another point, given from the present one."""
-    torque = six[:, 3:] - np.cross(np.array(point_mm) / 1e3, six[:, :3])
-    return np.concatenate([six[:, :3], torque], 1).astype(np.float32)
+def move_torques_from_skin_centre(
+    wrenches: Float32[Array, "n 6"], point_mm: tuple[float, float, float]
+) -> Float32[Array, "n 6"]:
+    """Return wrenches about the skin's centre with torques about another point."""
+    shift = Wrench(np.zeros(3), np.zeros(3)).shift_matrix(np.array(point_mm))
+    return (wrenches @ shift.T).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -156,7 +146,7 @@ class TrainingBatch:
     """(n, 3, rows, cols) pressure and shear by physics over the shear modulus."""
 
     def to(self, device: torch.device, **options: Any) -> "TrainingBatch":
-        """Return the batch on another device; Lightning calls this method."""
+        """Return the batch on another device."""
         moved = {name: part.to(device, **options) for name, part in vars(self).items() if part is not None}
         return replace(self, **moved)
 
@@ -166,7 +156,7 @@ class TrainingBatch:
         return replace(self, **converted)
 
     def about(self, point_mm: tuple[float, float, float]) -> "TrainingBatch":
-        """Return the batch with torques about another point, given from the present one, as `Wrench.about` moves them."""
+        """Return the batch with torques about another point, given from the skin's centre, as `Wrench.about` moves them."""
         force_n, torque_nm = self.wrench[:, :3], self.wrench[:, 3:]
         arm_m = (torch.tensor(point_mm).to(force_n) / 1e3).expand_as(force_n)
         return replace(self, wrench=torch.cat([force_n, torque_nm - torch.linalg.cross(arm_m, force_n)], 1))
@@ -207,48 +197,21 @@ def _copy_to_tensor(array: Array) -> Tensor:
     return torch.from_numpy(np.array(array))
 
 
-class SeededBatchSampler(Sampler[Any]):
-    """Sampler of the rows of every batch, divided among the processes of a training; the order depends only on seed and epoch.
+def rows_of_batches(
+    rows: Int[Array, " n"], batch: int, seed: tuple[int, int] | None, rank: int = 0, world: int = 1
+) -> list[Int[Array, " b"]]:
+    """Return the rows of every batch of one process in one epoch, equally many in all processes.
 
-    With a seed the rows are shuffled in every epoch, and those that do not fill the last batch are left out of that epoch.
-    Without a seed they keep their order.
+    seed: that of the training and the number of the epoch. With it the rows are shuffled, and those that do not fill the last batch
+    are left out; without it they keep their order. Some rows repeat where they do not divide evenly among the processes.
     """
-
-    def __init__(self, rows: Int[Array, " n"], batch: int, seed: int | None, rank: int = 0, world: int = 1) -> None:
-        self.rows, self.batch, self.seed, self.rank, self.world, self.epoch = rows, batch, seed, rank, world, 0
-        each = -(-len(rows) // world)
-        self.batches = -(-each // batch) if seed is None else max(each // batch, 1)
-
-    def set_epoch(self, epoch: int) -> None:
-        """Set the number of the epoch that begins; Lightning calls this method."""
-        self.epoch = epoch
-
-    def __iter__(self) -> Iterator[Int[Array, " b"]]:
-        own = self._own_rows()
-        for number in range(self.batches):
-            # Sorted, because mapped files are read fastest in their own order.
-            yield np.sort(own[number * self.batch : (number + 1) * self.batch])
-
-    def _own_rows(self) -> Int[Array, " m"]:
-        """Return this process's rows of this epoch, equally many in all processes; some repeat where they do not divide evenly."""
-        order = self.rows
-        if self.seed is not None:
-            order = np.random.default_rng([self.seed, self.epoch]).permutation(self.rows)
-        each = -(-len(order) // self.world)
-        return np.resize(order, each * self.world)[self.rank :: self.world]
-
-    def __len__(self) -> int:
-        return self.batches
+    order = rows if seed is None else np.random.default_rng(seed).permutation(rows)
+    own = np.resize(order, -(-len(order) // world) * world)[rank::world]
+    count = -(-len(own) // batch) if seed is None else max(len(own) // batch, 1)
+    # Sorted, because mapped files are read fastest in their own order.
+    return [np.sort(own[number * batch : (number + 1) * batch]) for number in range(count)]
 
 
-def make_data_loader(
-    examples: TrainingExamples, sampler: SeededBatchSampler, workers: int
-) -> DataLoader[TrainingBatch]:
-    """Return a loader of the sampler's batches."""
-    return DataLoader(
-        BatchDataset(examples),
-        batch_size=None,
-        sampler=sampler,
-        num_workers=workers,
-        persistent_workers=workers > 0,
-    )
+def load_batches(examples: TrainingExamples, rows: list[Int[Array, " b"]], workers: int) -> DataLoader[TrainingBatch]:
+    """Return a loader of the batches of these rows."""
+    return DataLoader(BatchDataset(examples), batch_size=None, sampler=rows, num_workers=workers)

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from ninedtact.errors import InputError
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.quantities import centred_axis_mm
+from ninedtact_train.training.settings import NetworkName
 
 DENSENET_BLOCKS = {"densenet121": (6, 12, 24, 16), "densenet169": (6, 12, 32, 32)}
 """Number of layers of each dense block."""
@@ -168,38 +168,16 @@ def error_scale_head(before: int, after: int) -> Layer:
     return Layer(nn.Linear(before, WIDTH), nn.Hardswish(), nn.Linear(WIDTH, after))
 
 
-NETWORK_NAMES = ("moments", *DENSENET_BLOCKS)
-SMALLEST_PX = 32
-"""Smallest side of an image for DenseNet, which halves it five times."""
-
-
-def build_network(name: str, settings: NetworkInputSettings, outputs: int, unit: tuple[float, ...]) -> nn.Module:
-    """Return a network with random weights from (n, channels, rows, cols) to (n, outputs); raises `InputError`.
+def build_network(
+    name: NetworkName, settings: NetworkInputSettings, outputs: int, unit: tuple[float, ...]
+) -> nn.Module:
+    """Return a network with random weights from (n, channels, rows, cols) to (n, outputs).
 
     outputs: 6, or 12 with the logarithms of scales. unit: the unit of each of the six numbers, N and N·m.
     """
-    require_network_input_size(name, settings)
-    if name in DENSENET_BLOCKS:
-        return DenseNet(name, settings.channels.number, outputs)
-    return MomentsNetwork(settings, outputs, unit)
-
-
-def require_network_input_size(name: str, settings: NetworkInputSettings) -> None:
-    """Raise `InputError` for an unknown name, or an image size that the network cannot take."""
-    if name not in NETWORK_NAMES:
-        raise InputError(expected=f"one of {', '.join(NETWORK_NAMES)}", got=f"{name!r}", remedy="name one of them")
-    rows, cols = settings.rows, settings.cols
-    if name == "moments" and (rows % 4 or cols % 4):
-        raise InputError(
-            expected="sides that are multiples of 4 for moments", got=f"{cols} x {rows}", remedy="take 80 x 60"
-        )
-    smallest = 4 if name == "moments" else SMALLEST_PX
-    if min(rows, cols) < smallest:
-        raise InputError(
-            expected=f"at least {smallest} x {smallest} pixels for {name}",
-            got=f"{cols} x {rows}",
-            remedy="take larger images",
-        )
+    if name == "moments":
+        return MomentsNetwork(settings, outputs, unit)
+    return DenseNet(name, settings.channels.number, outputs)
 
 
 SMALLEST_LOG, LARGEST_LOG = -8.0, 5.0
@@ -217,7 +195,9 @@ class LabelScale:
 class WrenchNetwork(nn.Module):
     """A network of any architecture with its output in N and N·m, and optionally the scale of its Laplace distribution."""
 
-    def __init__(self, name: str, settings: NetworkInputSettings, labels: LabelScale, with_scale: bool = True) -> None:
+    def __init__(
+        self, name: NetworkName, settings: NetworkInputSettings, labels: LabelScale, with_scale: bool = True
+    ) -> None:
         super().__init__()
         self.network = build_network(name, settings, 12 if with_scale else 6, labels.unit)
         for part in ("unit", "offset"):
@@ -228,7 +208,7 @@ class WrenchNetwork(nn.Module):
         self.offset: Tensor
         self.gain: Tensor
         self.power: Tensor
-        """The returned scale is gain · scale^power in units of the labels, from held-out images (`error_scale_and_model_card`)."""
+        """The returned scale is gain · scale^power in units of the labels, from held-out images (`trained_network`)."""
 
     def forward(self, x: Tensor) -> tuple[Tensor, ...]:
         """Return the wrench (n, 6) for images (n, channels, rows, cols) and, for networks with a scale, that scale (n, 6)."""

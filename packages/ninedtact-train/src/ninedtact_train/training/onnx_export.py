@@ -23,7 +23,7 @@ from ninedtact.force.onnx_model import (
     stamp_checksum,
 )
 from ninedtact_train.training.networks import WrenchNetwork
-from ninedtact_train.training.training_module import silence_loggers
+from ninedtact_train.training.training_loop import silence_loggers
 
 _PARITY_TOLERANCE = 1e-3
 """Largest difference between ONNX Runtime and torch, relative to the labels' unit plus the predicted value."""
@@ -71,7 +71,6 @@ def _build_onnx_graph(network: WrenchNetwork, card: ModelCard) -> onnx.ModelProt
 
 
 def _serialise_with_card(graph: onnx.ModelProto, card: ModelCard) -> bytes:
-    """Return the content of the model file."""
     card_text = msgspec.json.encode(card).decode()
     onnx.helper.set_model_props(graph, {METADATA_KEY: card_text, CHECKSUM_METADATA_KEY: CHECKSUM_PLACEHOLDER})
     _remove_traces(graph)

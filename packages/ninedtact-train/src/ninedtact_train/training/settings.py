@@ -1,6 +1,7 @@
-"""Settings of a force model's training, and the presets `default`, `corrector` and `paper`.
+"""Settings of a force model's training, the presets `default`, `corrector` and `paper`, and the settings of the hardware.
 
-The resolved training settings are stored beside the model and in its card.
+The resolved training settings are stored beside the model and in its card. This file loads no torch, so that the command line
+reads it quickly.
 """
 
 from dataclasses import dataclass, field, replace
@@ -11,23 +12,84 @@ from msgspec import Meta
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input_settings
-from ninedtact_train.training.augmentation import NO_AUGMENTATION, Augmentation
-from ninedtact_train.training.networks import require_network_input_size
 
+NetworkName = Literal["moments", "densenet121", "densenet169"]
+SMALLEST_DENSENET_PX = 32
+"""Smallest side of an image for DenseNet, which halves it five times."""
 _Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class GeometricAugmentation:
+    """Ranges by which examples are mirrored, rotated, shifted and scaled; each image of a batch has its own random transform."""
+
+    mirror: bool = True
+    """Whether images are mirrored along x, along y, both or neither, each with equal probability."""
+    transformed_share: float = 0.5
+    """Part of the images that are rotated, shifted and scaled; the others stay sharp."""
+    max_rotation_deg: float = 10.0
+    max_shift_mm: float = 0.6
+    scale_std: float = 0.005
+
+
+@dataclass(frozen=True)
+class HeightPerturbations:
+    """Perturbations that simulate errors of a depth calibration and its images: standard deviations, except those named `max`."""
+
+    gain: float = 0.03
+    """Relative error of indentations and, independently, of bulges."""
+    offset_mm: float = 0.004
+    tilt: float = 0.0005
+    """Slope along x and along y, mm per mm."""
+    max_noise_mm: float = 0.012
+    max_noise_width_mm: float = 0.6
+    """Standard deviation of the Gaussian that smooths the noise."""
+    features: float = 0.05
+    """Relative error of the features of the sensor's light; the gel's thickness is not changed."""
+
+
+@dataclass(frozen=True)
+class PhotometricPerturbations:
+    """Perturbations that simulate errors of light and camera: standard deviations, except the one named `max`."""
+
+    gain: float = 0.05
+    """Relative change of brightness of image and reference together, as by another lamp."""
+    drift: float = 0.004
+    """Relative change of brightness between reference and image, as by a lamp that warms up."""
+    max_noise_grey: float = 0.7
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """All random changes of a batch (`augmentation.py`): geometric ones, then perturbations of heights or of images."""
+
+    geometric: GeometricAugmentation = GeometricAugmentation()
+    heights: HeightPerturbations = HeightPerturbations()
+    """Perturbations that are applied to height maps."""
+    photometric: PhotometricPerturbations = PhotometricPerturbations()
+    """Perturbations that are applied to images with references."""
+
+
+NO_AUGMENTATION = Augmentation(
+    GeometricAugmentation(False, 0.0, 0.0, 0.0, 0.0),
+    HeightPerturbations(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    PhotometricPerturbations(0.0, 0.0, 0.0),
+)
 
 
 @dataclass(frozen=True)
 class TrainingSettings:
     """All settings that determine the trained model; raises `InputError`."""
 
-    network: str = "moments"
+    network: Annotated[NetworkName, Meta(description="Architecture of the network.")] = "moments"
     input: NetworkInputSettings = NetworkInputSettings(InputChannels.HEIGHTS_AND_SENSOR)
-    epochs: Annotated[int, Meta(gt=0)] = 40
-    batch: Annotated[int, Meta(gt=0)] = 64
-    learning_rate: Annotated[float, Meta(gt=0)] = 2e-3
-    """Learning rate; the highest one where the schedule varies it."""
+    epochs: Annotated[int, Meta(gt=0, description="Number of passes over all pairs.")] = 40
+    batch: Annotated[int, Meta(gt=0, description="Pairs in a training step.")] = 64
+    learning_rate: Annotated[
+        float, Meta(gt=0, description="Learning rate; the highest one where the preset varies it.")
+    ] = 2e-3
     optimiser: Literal["adam", "adamw"] = "adamw"
     schedule: Literal["constant", "one cycle"] = "one cycle"
     weight_decay: float = 1e-2
@@ -42,8 +104,18 @@ class TrainingSettings:
     seed: Annotated[int, Meta(ge=0)] = 0
 
     def __post_init__(self) -> None:
-        require_network_input_size(self.network, self.input)
         require_within_bounds(self)
+        rows, cols = self.input.rows, self.input.cols
+        if self.network == "moments" and (rows % 4 or cols % 4):
+            raise InputError(
+                expected="sides that are multiples of 4 for moments", got=f"{cols} x {rows}", remedy="take 80 x 60"
+            )
+        if self.network != "moments" and min(rows, cols) < SMALLEST_DENSENET_PX:
+            raise InputError(
+                expected=f"at least {SMALLEST_DENSENET_PX} x {SMALLEST_DENSENET_PX} pixels for {self.network}",
+                got=f"{cols} x {rows}",
+                remedy="take larger images",
+            )
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return the settings as plain values for JSON."""
@@ -71,3 +143,21 @@ CORRECTOR_TRAINING = TrainingSettings(
 )
 """Training of a network that corrects the wrench by physics. Heights and tractions belong together, so they are not perturbed."""
 TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "corrector": CORRECTOR_TRAINING, "paper": PAPER_TRAINING}
+
+
+@dataclass(frozen=True)
+class ComputeSettings:
+    """Lightning's flags for the hardware that a training runs on; they change its speed, not what is learnt."""
+
+    accelerator: str = "auto"
+    """cpu, gpu, auto …"""
+    devices: int | str = 1
+    """How many devices, or which: 2, auto, 0,3."""
+    nodes: int = 1
+    """Machines."""
+    strategy: str = "auto"
+    """Strategy for several devices, such as ddp."""
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    """Numeric precision; bf16-mixed is faster on a GPU."""
+    loader_workers: int = 0
+    """Processes that load batches; 0: the training's own process."""

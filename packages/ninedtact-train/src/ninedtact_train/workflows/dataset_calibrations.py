@@ -29,7 +29,7 @@ from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_cali
 from ninedtact_train.dataset.calibrated_readings import DatasetSensorCalibration
 from ninedtact_train.dataset.folder import (
     REFERENCES_FILE,
-    DatasetFolder,
+    SENSOR_FOLDERS,
     find_sensor_folders,
     read_sensor_parameters,
     sensor_parameters_damage,
@@ -72,6 +72,11 @@ def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
         raise sensor_parameters_damage(data, trouble) from trouble
 
 
+def find_dataset_sensor_folders(data: Path, given: Path | None = None) -> list[Path]:
+    """Return the sensor folders in a given folder, by default those that a data set carries."""
+    return find_sensor_folders(data / SENSOR_FOLDERS if given is None else given)
+
+
 def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progress: bool) -> DatasetSensors:
     """Read the calibration of every sensor of a data set.
 
@@ -81,15 +86,14 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
     """
     require_sensor_calibrations(data, given)
     refused: dict[str, str] = {}
-    folder = DatasetFolder(data).sensor_folders if given is None else given
     if given is None:
         members = load_simulated_sensors(data)
-        refused = calibrate_simulated_sensors(members, folder, workers, progress)
+        refused = calibrate_simulated_sensors(members, data / SENSOR_FOLDERS, workers, progress)
         if members and len(refused) == len(members):
             raise CalibrationError(
                 f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
             )
-    by_name = {path.name: _load_calibrated_sensor(path) for path in find_sensor_folders(folder)}
+    by_name = {path.name: _load_calibrated_sensor(path) for path in find_dataset_sensor_folders(data, given)}
     return DatasetSensors(by_name, refused, tuple(find_calibration_doubts(data, given)))
 
 
@@ -100,8 +104,7 @@ def find_calibration_doubts(data: Path, given: Path | None) -> Iterator[str]:
     given: as for `load_dataset_sensors`; where None, simulated sensors, calibrated from their own images, are not compared. Raises
     `SensorFolderDamaged`, `FileFormatError`.
     """
-    place = DatasetFolder(data).sensor_folders if given is None else given
-    folders = {path.name: load_sensor(path) for path in find_sensor_folders(place)}
+    folders = {path.name: load_sensor(path) for path in find_dataset_sensor_folders(data, given)}
     for folder in folders.values():
         yield from folder.notices
     own = load_simulated_sensors(data) if given is None else {}
@@ -109,7 +112,7 @@ def find_calibration_doubts(data: Path, given: Path | None) -> Iterator[str]:
         checker = load_reference_image_checker(folders[name]).on_skin_grid()
         if checker.known is None or reference.shape == checker.known.depth_image.shape:
             for fault in checker.find_faults([Frame(reference)]):
-                yield f"the reference images of {name} in {data} are not of the sensor in {place / name}; {fault}"
+                yield f"the reference images of {name} in {data} are not of the sensor in {folders[name].path}; {fault}"
 
 
 def _read_first_references(data: Path, names: Collection[str]) -> Iterator[tuple[str, UInt8[Array, "rows cols 3"]]]:
@@ -131,8 +134,7 @@ def require_sensor_calibrations(data: Path, given: Path | None, otherwise: str =
 
     otherwise: what can be done without calibrations, as the end of the sentence.
     """
-    carried = find_sensor_folders(DatasetFolder(data).sensor_folders)
-    if data.is_dir() and given is None and not carried and not load_simulated_sensors(data):
+    if data.is_dir() and given is None and not find_dataset_sensor_folders(data) and not load_simulated_sensors(data):
         raise CalibrationError(
             expected=f"the calibrations of the sensors of {data}",
             got="none, or several of one sensor",
@@ -174,7 +176,6 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
 
 
 def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
-    """Read a sensor folder; raises `SensorFolderDamaged`, `FileFormatError`."""
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
     force_scales = tuple(read_force_scales(folder).scales.items())

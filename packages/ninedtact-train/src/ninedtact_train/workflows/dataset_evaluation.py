@@ -4,9 +4,9 @@
 scores a model on simulated sensors by the mechanics of their gels.
 """
 
-from collections.abc import Callable, Collection, Hashable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
-from hashlib import sha256
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal, TypeVar
@@ -16,9 +16,9 @@ from msgspec import Meta
 from tqdm import tqdm
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.design import ForceTorqueMount
 from ninedtact.force.estimator_and_scale import ForceEstimator, ScaledForceEstimator, select_force_scale
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
-from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact_train.dataset.calibrated_readings import (
     DatasetSensorCalibration,
@@ -32,16 +32,15 @@ from ninedtact_train.workflows.dataset_calibrations import load_dataset_sensors,
 from ninedtact_train.workflows.simulated_force_calibration import calibrate_on_simulated_loads
 
 _Value = TypeVar("_Value")
-_PAPER_TORQUE_POINT_MM = (0.0, 0.0, -35.0)
 _MECHANICS_LABELS = {
     "bonded": "rigid substrate, small strains (as the calibration assumes)",
     "finite_strain": "rigid substrate, finite-strain (neo-Hookean) gel",
     "compliant_base": "compliant substrate",
 }
 """Descriptions of the mechanics of simulated sensors, as in the model card."""
-_PHYSICS_LABEL = ", physics without correction"
 _KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor", "axes", "units")
 """Keys of an evaluation that are not stored in a card."""
+_PHYSICS_LABEL = ", physics without correction"
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def predict_dataset(
     image.
     """
     read_pair_columns(data)
-    _estimators.clear()  # a model file may have been written anew since the last evaluation in this process
+    _build_estimator.cache_clear()  # a model file may have been written anew since the last evaluation in this process
     known = load_dataset_sensors(data, settings.sensors, workers, progress)
     for notice in known.notices():
         notify(notice)
@@ -99,29 +98,20 @@ def predict_dataset(
             groups[number] = group
             bar.update(len(group))
     pairs = [pair for number in sorted(groups) for pair in groups[number]]
-    if refused := sum(pair.is_refused for pair in pairs):
+    truth, wrenches, std, objects, names, refused = zip(*pairs, strict=True) if pairs else ((),) * 6
+    if any(refused):
         notify(
-            f"nothing is estimated from {refused} of {len(pairs)} images, which no press can cause; they count as zero"
+            f"nothing is estimated from {sum(refused)} of {len(pairs)} images, which no press can cause; they count as zero"
         )
-    columns = [pair.truth for pair in pairs], [pair.wrench for pair in pairs], [pair.std for pair in pairs]
-    six = [np.array(column, float).reshape(-1, 6) for column in columns]
-    objects, names = [pair.object for pair in pairs], [pair.sensor for pair in pairs]
+    six = [np.array(column, float).reshape(-1, 6) for column in (truth, wrenches, std)]
     distribution = ErrorDistribution.GAUSSIAN if settings.force == PHYSICS else ErrorDistribution.LAPLACE
     claimed = np.where(np.isfinite(six[2]), six[2], np.nan)
     return WrenchPredictions(six[0], six[1], claimed, distribution, objects, names, (0.0, 0.0, 0.0))
 
 
-@dataclass(frozen=True)
-class _EstimatedPair:
-    """A true wrench with its estimate and the standard deviations of it, N and N·m about the skin's centre."""
-
-    truth: Any
-    wrench: Any
-    std: Any
-    object: str
-    sensor: str
-    is_refused: bool
-    """Whether no press can cause the image, so that nothing is estimated from it."""
+_EstimatedPair = tuple[Any, Any, Any, str, str, bool]
+"""A true wrench with its estimate and the standard deviations of it, N and N·m about the skin's centre; object and sensor; and
+whether no press can cause the image, so that nothing is estimated from it."""
 
 
 def _select(names: Collection[str], all_of: Mapping[str, _Value]) -> dict[str, _Value]:
@@ -142,34 +132,14 @@ def _estimate_pairs(
     settings: DatasetEvaluationSettings,
     model: bytes | None,
 ) -> list[_EstimatedPair]:
-    """Estimate the wrenches of some rows."""
     pairs = []
     for pair in rows.readings(sensors):
-        key = (
-            pair.sensor,
-            sensors[pair.sensor].digest,
-            sensors[pair.sensor].gel,
-            sensors[pair.sensor].force_scales,
-            settings,
-            model and sha256(model).digest(),
-        )
-        if key not in _estimators:
-            _estimators[key] = _build_estimator(settings, sensors[pair.sensor], members.get(pair.sensor), model)
-            while len(_estimators) > _MOST_ESTIMATORS:
-                del _estimators[next(iter(_estimators))]
-        estimator = _estimators[key]
+        estimator = _build_estimator(settings, sensors[pair.sensor], members.get(pair.sensor), model)
         estimator.forget()
         estimate = estimator.estimate(pair.reading)
         is_refused = bool(pair.reading.image_warnings)
-        pairs.append(
-            _EstimatedPair(pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor, is_refused)
-        )
+        pairs.append((pair.wrench, estimate.wrench.six, estimate.std, pair.object, pair.sensor, is_refused))
     return pairs
-
-
-_estimators: dict[Hashable, ForceEstimator] = {}
-"""The estimators that this process built last, by sensor and settings: groups of rows that follow have the same sensors."""
-_MOST_ESTIMATORS = 32
 
 
 def _with_true_modulus(sensor: DatasetSensorCalibration, member: SampledSensor | None) -> DatasetSensorCalibration:
@@ -179,13 +149,14 @@ def _with_true_modulus(sensor: DatasetSensorCalibration, member: SampledSensor |
     return replace(sensor, gel=replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa))
 
 
+@lru_cache(maxsize=32)
 def _build_estimator(
     settings: DatasetEvaluationSettings,
     sensor: DatasetSensorCalibration,
     member: SampledSensor | None,
     model: bytes | None,
 ) -> ForceEstimator:
-    """Build the estimator for one sensor, with this content of its model's file where it was sent along.
+    """Build the estimator for one sensor, with this content of its model's file where it was sent along; the last ones are kept.
 
     A real sensor has the force scale of its folder, as in live use; that of a simulated one follows from `settings.modulus`.
     """
@@ -209,24 +180,18 @@ def _build_estimator(
 def evaluate_per_mechanics_kind(
     model: Path, data: Path, workers: int, progress: bool, notify: Callable[[str], None] = lambda _: None
 ) -> dict[str, dict[str, Any]]:
-    """Evaluate a model on a data set of simulated sensors for its card: one table for each kind of mechanics, and one for all.
+    """Evaluate a model that corrects physics, beside physics, on a data set of simulated sensors for its card: one table for each
+    kind of mechanics, and one for all.
 
-    Every sensor is calibrated from its own images and its force with five simulated loads. A network that corrects physics is
-    evaluated beside physics, any other also without contact detection where there is no contact.
+    Every sensor is calibrated from its own images and its force with five simulated loads.
     """
-    settings = DatasetEvaluationSettings(str(model), modulus="calibrated")
     mechanics = {name: member.kind for name, member in load_simulated_sensors(data).items()}
     tables: dict[str, dict[str, Any]] = {}
-    corrects_physics = read_force_model(model).card.input.channels.of_physics
-    for force, label in ((str(model), ""), *([(PHYSICS, _PHYSICS_LABEL)] if corrects_physics else [])):
-        predictions = predict_dataset(data, replace(settings, force=force), workers, progress=progress, notify=notify)
+    for force, label in ((str(model), ""), (PHYSICS, _PHYSICS_LABEL)):
+        settings = DatasetEvaluationSettings(force, modulus="calibrated")
+        predictions = predict_dataset(data, settings, workers, progress=progress, notify=notify)
         for words, part in _split_by_mechanics(predictions, mechanics):
             tables[words + label] = _card_table(part)
-    if corrects_physics:
-        return tables
-    undetected = replace(settings, modulus="true", without_contact_detection=True)
-    without_detection = evaluate_predictions(predict_dataset(data, undetected, workers, progress=progress))
-    tables["all"]["no_contact_without_detection"] = without_detection.to_json_dict()["no_contact"]
     return tables
 
 
@@ -245,6 +210,6 @@ def _split_by_mechanics(
 def _card_table(predictions: WrenchPredictions) -> dict[str, Any]:
     """Return the scores about the skin's centre, and the skill with torques about the paper's point."""
     scores = evaluate_predictions(predictions).to_json_dict()
-    skill = evaluate_predictions(predictions.about(_PAPER_TORQUE_POINT_MM)).scores.skill
+    skill = evaluate_predictions(predictions.about(ForceTorqueMount().origin_mm)).scores.skill
     kept = {key: value for key, value in scores.items() if key not in _KEYS_NOT_IN_CARD}
     return {**kept, "skill_35_mm_below": skill.tolist()}

@@ -10,18 +10,17 @@ from pathlib import Path
 import numpy as np
 
 from ninedtact.calibration.sensor_folder import load_sensor
-from ninedtact.design import Gel
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.force.network_input import NetworkInputSettings, scale_input_settings_to_width, sensor_features_of
-from ninedtact_train.dataset.folder import DatasetFolder, find_sensor_folders
 from ninedtact_train.dataset.height_cache import load_height_pairs
-from ninedtact_train.dataset.held_out import HeldOutSettings
 from ninedtact_train.dataset.reader import load_dataset, read_pair_columns
-from ninedtact_train.training.compute_settings import ComputeSettings
+from ninedtact_train.dataset.split import HeldOutSettings
 from ninedtact_train.training.examples import TrainingExamples
-from ninedtact_train.training.settings import TrainingSettings
+from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
 from ninedtact_train.training.train import TrainingResult, train_network
 from ninedtact_train.workflows.dataset_calibrations import (
     find_calibration_doubts,
+    find_dataset_sensor_folders,
     load_dataset_sensors,
     load_simulated_sensors,
 )
@@ -69,7 +68,8 @@ def read_training_examples(
         for doubt in find_calibration_doubts(data, sensors):
             notify(doubt)
         examples, ids = _read_image_examples(data, grid, workers, progress)
-    usual, moduli = Gel().shear_modulus_mpa, _gel_moduli_mpa(data, sensors)
+    moduli = {name: gel.shear_modulus_mpa for name, (gel, _) in _read_gels_and_designs(data, sensors).items()}
+    usual = Gel().shear_modulus_mpa
     return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors])), ids
 
 
@@ -81,7 +81,6 @@ def _read_height_examples(
     progress: bool,
     notify: Callable[[str], None],
 ) -> tuple[TrainingExamples, Sequence[str]]:
-    """Read heights, computed with the calibration of each sensor."""
     known = load_dataset_sensors(data, sensors, workers, progress)
     for notice in known.notices():
         notify(notice)
@@ -108,23 +107,29 @@ def _read_height_examples(
 def _read_image_examples(
     data: Path, grid: NetworkInputSettings, workers: int, progress: bool
 ) -> tuple[TrainingExamples, Sequence[str]]:
-    """Read grey images with their references."""
     pairs = load_dataset(data, (grid.cols, grid.rows), threads=workers, progress=progress)
-    names = pairs.objects.values.tolist(), pairs.sensors.values.tolist()
-    codes, files = pairs.references.codes, pairs.decoded
-    examples = TrainingExamples(files.images, pairs.wrenches, *names, references=files.references, reference_of=codes)
+    examples = TrainingExamples(
+        pairs.decoded.images,
+        pairs.wrenches,
+        pairs.objects.tolist(),
+        pairs.sensors.tolist(),
+        references=pairs.decoded.references,
+        reference_of=pairs.reference_rows,
+    )
     return examples, pairs.ids.tolist()
 
 
-def _gel_moduli_mpa(data: Path, sensors: Path | None) -> dict[str, float]:
-    """Return the shear modulus of each sensor's gel: the true one of a simulated sensor, that of its sensor folder for a real one.
+def _read_gels_and_designs(data: Path, sensors: Path | None) -> dict[str, tuple[Gel, SensorDesign]]:
+    """Return gel and design of each sensor: the true ones of a simulated sensor, those of its sensor folder for a real one.
 
     A force model multiplies by the modulus of the sensor folder, so that a real sensor's wrenches are divided by it first.
     """
-    folders = find_sensor_folders(DatasetFolder(data).sensor_folders if sensors is None else sensors)
-    simulated = {name: member.gel.shear_modulus_mpa for name, member in load_simulated_sensors(data).items()}
-    real = [folder for folder in folders if folder.name not in simulated]
-    return {**simulated, **{folder.name: load_sensor(folder).gel.shear_modulus_mpa for folder in real}}
+    found = {name: (member.gel, member.design) for name, member in load_simulated_sensors(data).items()}
+    for folder in find_dataset_sensor_folders(data, sensors):
+        if folder.name not in found:
+            sensor = load_sensor(folder)
+            found[folder.name] = sensor.gel, sensor.record.design
+    return found
 
 
 def match_input_width_to_dataset(
@@ -135,11 +140,5 @@ def match_input_width_to_dataset(
     sensors: a folder with a sensor folder for each real sensor, by name; where None, those that the data set carries. Settings for
     a data set without simulated sensors and sensor folders stay as they are. Raises `SensorFolderDamaged`.
     """
-    simulated = load_simulated_sensors(data)
-    folders = find_sensor_folders(DatasetFolder(data).sensor_folders if sensors is None else sensors)
-    designs = [member.design for member in simulated.values()]
-    designs += [load_sensor(folder).record.design for folder in folders if folder.name not in simulated]
-    widths = [design.sensing_area.width_mm for design in designs]
-    if not widths:
-        return settings
-    return replace(settings, input=scale_input_settings_to_width(settings.input, max(widths)))
+    widths = [design.sensing_area.width_mm for _, design in _read_gels_and_designs(data, sensors).values()]
+    return replace(settings, input=scale_input_settings_to_width(settings.input, max(widths))) if widths else settings

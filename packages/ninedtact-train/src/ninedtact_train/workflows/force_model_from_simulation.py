@@ -15,16 +15,15 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.design import SensorDesign
 from ninedtact.force.onnx_model import ModelCard, read_force_model
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generated_object_names
-from ninedtact_train.dataset.folder import DatasetFolder, find_sensor_folders
 from ninedtact_train.dataset.generation.generate import generate_dataset
 from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings
-from ninedtact_train.dataset.held_out import HeldOutSettings
+from ninedtact_train.dataset.split import HeldOutSettings
 from ninedtact_train.evaluation.model_card_markdown import format_model_card
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
-from ninedtact_train.training.compute_settings import ComputeSettings
 from ninedtact_train.training.onnx_export import rewrite_card
-from ninedtact_train.training.settings import CORRECTOR_TRAINING
+from ninedtact_train.training.settings import CORRECTOR_TRAINING, ComputeSettings
 from ninedtact_train.training.train import MODEL_FILE
+from ninedtact_train.workflows.dataset_calibrations import find_dataset_sensor_folders
 from ninedtact_train.workflows.dataset_evaluation import evaluate_per_mechanics_kind
 from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset, train_on_dataset
 
@@ -157,5 +156,5 @@ def make_force_model(
     card = msgspec.structs.replace(card, evaluation={**card.evaluation, **tables})
     rewrite_card(trained, card, out / _MODEL_FILE)
     write_file_atomically(out / _CARD_FILE, format_model_card(card).encode())
-    sensor = find_sensor_folders(DatasetFolder(out / VALIDATION_DATA_FOLDER).sensor_folders)[0]
+    sensor = find_dataset_sensor_folders(out / VALIDATION_DATA_FOLDER)[0]
     return ForceModelResult(out / _MODEL_FILE, out / _CARD_FILE, sensor, card)

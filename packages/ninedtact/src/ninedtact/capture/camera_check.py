@@ -109,18 +109,14 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
     rate = measure_frame_rate(source, frames) if source.recorded_hz is None else None
     settings = source.current_settings if isinstance(source, UvcCamera) else None
     advice = (*duplicate_frame_advice(rate), *camera_settings_advice(settings))
-    trouble = None if source.recorded_hz is None else _find_damage(source)
+    trouble = None
+    if source.recorded_hz is not None:
+        try:
+            for _ in source:  # to its end, which shows whether images are missing or damaged
+                pass
+        except NinedtactError as damage:
+            trouble = str(damage)
     return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, trouble, advice)
-
-
-def _find_damage(recording: FrameSource) -> str | None:
-    """Read an open recording to its end; return the error for images that are missing or damaged, None where it is whole."""
-    try:
-        for _ in recording:
-            pass
-    except NinedtactError as damage:
-        return str(damage)
-    return None
 
 
 def describe_camera_settings(settings: CameraSettings) -> str:

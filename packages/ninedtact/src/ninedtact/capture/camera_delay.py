@@ -260,7 +260,6 @@ def estimate_delay(
 
 
 def _correlations(switches_s: Array, stamps_s: Array, brightness: Array, delays_s: Array, exposure_s: float) -> Array:
-    """Return the correlation of brightness and pattern for each delay; the pattern is averaged over the exposure."""
     on_s = np.concatenate([[0.0], np.cumsum(np.diff(switches_s) * (np.arange(len(switches_s) - 1) % 2 == 0))])
     at_s = stamps_s - delays_s[:, None]
     seen = np.interp(at_s + exposure_s / 2, switches_s, on_s) - np.interp(at_s - exposure_s / 2, switches_s, on_s)

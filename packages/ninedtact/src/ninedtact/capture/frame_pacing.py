@@ -105,29 +105,21 @@ class LatestFrameSource(FrameSourceWrapper):
         return frame
 
     def _fetch(self) -> None:
-        try:
-            self._fetch_until_closed()
-        except BaseException as error:  # handed to the thread that reads
-            self._end_with(SourceNotOpen(self.name) if self._closing.is_set() else error)
-        else:
-            self._end_with(SourceNotOpen(self.name))
-
-    def _fetch_until_closed(self) -> None:
+        end: BaseException = SourceNotOpen(self.name)
         period_s = 1 / self._source.recorded_hz if self._source.recorded_hz else 0.0
         due_at = time.monotonic()
-        while not self._closing.wait(due_at - time.monotonic()):
-            self._publish(self._source.read())
-            due_at = max(due_at + period_s, time.monotonic() - period_s)
-
-    def _publish(self, frame: Frame) -> None:
+        try:
+            while not self._closing.wait(due_at - time.monotonic()):
+                frame = self._source.read()
+                with self._changed:
+                    self.dropped += self._unread is not None
+                    self._unread, self.newest_arrival = frame, Arrival(frame.stamp_ns, frame.index)
+                    self._changed.notify_all()
+                due_at = max(due_at + period_s, time.monotonic() - period_s)
+        except BaseException as error:  # handed to the thread that reads
+            end = end if self._closing.is_set() else error
         with self._changed:
-            self.dropped += self._unread is not None
-            self._unread, self.newest_arrival = frame, Arrival(frame.stamp_ns, frame.index)
-            self._changed.notify_all()
-
-    def _end_with(self, error: BaseException) -> None:
-        with self._changed:
-            self._error, self._error_origin = error, error.__traceback__
+            self._error, self._error_origin = end, end.__traceback__
             self._changed.notify_all()
 
 

@@ -244,7 +244,6 @@ def _video_mode(settings: CameraSettings) -> Iterator[_PropertySetting]:
 
 
 def _image_controls(settings: CameraSettings) -> Iterator[_PropertySetting]:
-    """Yield exposure, gain and white balance."""
     if settings.auto_exposure is not None or settings.exposure_ms is not None:
         accepted = _AUTOMATIC if settings.auto_exposure else _MANUAL
         yield _PropertySetting("exposure mode (1 manual, 3 automatic)", cv2.CAP_PROP_AUTO_EXPOSURE, accepted)
@@ -297,15 +296,18 @@ class CameraDevice:
 def list_cameras(kernel_list: Path = _KERNEL_DEVICE_LIST, device_folder: Path = Path("/dev")) -> list[CameraDevice]:
     """Return all devices that can deliver images, in the order of their numbers; none where the system is not Linux."""
     nodes = sorted(kernel_list.glob("video*"), key=lambda node: (len(node.name), node.name))
-    found = [CameraDevice(str(device_folder / node.name), _kernel_name(node), _usb_addresses(node)) for node in nodes]
+    found = [
+        CameraDevice(str(device_folder / node.name), _read_text(node / "name", "unnamed"), _usb_addresses(node))
+        for node in nodes
+    ]
     return [device for device in found if _delivers_images(device.path)]
 
 
-def _kernel_name(node: Path) -> str:
+def _read_text(path: Path, default: str) -> str:
     try:
-        return (node / "name").read_text().strip()
+        return path.read_text().strip()
     except OSError:
-        return "unnamed"
+        return default
 
 
 def _usb_addresses(node: Path) -> tuple[str, ...]:
@@ -317,10 +319,7 @@ def _usb_addresses(node: Path) -> tuple[str, ...]:
     port, colon, _ = interface.name.partition(":")
     if not colon or "-" not in port:
         return ()
-    try:
-        serial = (interface.parent / "serial").read_text().strip()
-    except OSError:
-        serial = ""
+    serial = _read_text(interface.parent / "serial", "")
     return (_USB + port, _USB + serial) if serial else (_USB + port,)
 
 
@@ -333,7 +332,6 @@ def _silence_remedy(device: int | str) -> str:
 
 
 def _device_path(device: int | str) -> Path:
-    """Return the file of a device on Linux."""
     return Path(f"/dev/video{device}" if isinstance(device, int) else device)
 
 
@@ -352,7 +350,6 @@ def _exposure_limits_ms(path: Path) -> tuple[float, float]:
 
 
 def _query_device(path: Path, request: int, reply: bytearray) -> None:
-    """Fill the reply of a Video4Linux device to a request; raises `OSError`."""
     import fcntl  # not on Windows, where no device gets this far
 
     handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)

@@ -145,7 +145,6 @@ class VideoFile(AddressedFrameSource):
             )
 
     def _require_all_images(self) -> None:
-        """Raise `SourceIncomplete` where images are missing or damaged."""
         count, undecoded = len(self._positions_ms), 0
         while self._packets.grab():
             undecoded += 1

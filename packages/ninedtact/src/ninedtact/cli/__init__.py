@@ -87,7 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run_command(arguments: Sequence[str] | None) -> int:
     """Run one command and return its exit code; raises `OSError` from files and from the output."""
     if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
-        return _print_version()
+        print(f"ninedtact {__version__}")
+        return 0
     try:
         return parse_arguments(arguments).run()
     except NinedtactError as refusal:
@@ -125,7 +126,6 @@ def load_command(name: str) -> tuple[Any, str | None]:
 
 
 def _command_place(name: str) -> tuple[str, str]:
-    """Return module and class of a command; raises `CommandNotInstalled`."""
     place = COMMANDS[name]
     if not place.startswith("["):
         module_name, _, class_name = place.partition(":")
@@ -151,7 +151,6 @@ def _overview_entry(name: str) -> Any:
 
 
 def _command_summary(module_name: str, class_name: str) -> str:
-    """Return the first paragraph of a command's docstring, or the description of a group."""
     spec = find_spec(module_name)
     assert spec is not None and spec.origin is not None, f"{module_name} is a file of an installed distribution"
     for node in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body:
@@ -224,7 +223,6 @@ def _with_plain_help(field: StructFieldSpec) -> StructFieldSpec:
 
 
 def _is_repeatable(field_type: Any) -> bool:
-    """Return whether an option may be given several times."""
     return any(marker is tyro.conf.UseAppendAction for marker in _metadata(field_type))
 
 
@@ -274,12 +272,6 @@ def _joined_lines(helptext: Any) -> Callable[[], str | None]:
         return "\n\n".join(" ".join(paragraph.split()) for paragraph in written.split("\n\n"))
 
     return text
-
-
-def _print_version() -> int:
-    """Print the version of the package."""
-    print(f"ninedtact {__version__}")
-    return 0
 
 
 def _report_failure(sentence: str) -> int:

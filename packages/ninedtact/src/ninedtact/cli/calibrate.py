@@ -11,7 +11,7 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
-from tempfile import TemporaryDirectory, gettempdir
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -117,7 +117,6 @@ class CalibrateCommand:
         return self.id or self.out.name or self.out.resolve().name  # without a name as in --out .
 
     def _calibrate_from_images(self) -> "SensorFolder":
-        """Calibrate from files or with a camera, and write the sensor folder."""
         from ninedtact.calibration.board.detection import BoardNotFound
         from ninedtact.calibration.certificate.plot_board import save_board_not_found_drawing
         from ninedtact.calibration.save import save_sensor
@@ -235,14 +234,6 @@ class CalibrateCommand:
                 got=f"{', '.join(got) or 'none of them'}",
                 remedy="give the two images of the ball",
             )
-        lacking = [partner for pair in (_BOARD_NAMES, _BALL_NAMES) for partner in pair if len({*pair} & {*given}) == 1]
-        if sum(ways) == 1 and lacking:
-            missing = ", ".join("--" + name.replace("_", "-") for name in lacking if name not in given)
-            raise InputError(
-                expected="two images of each press, without and with contact",
-                got=f"{', '.join(got)} alone",
-                remedy=f"give {missing} as well",
-            )
         raise InputError(
             expected=f"all of {_IMAGE_OPTIONS}, or the two of one press, or --images alone, or --source alone",
             got=f"{', '.join(got) or 'none of them'}",
@@ -251,7 +242,6 @@ class CalibrateCommand:
 
     @property
     def _complete_sets(self) -> tuple[tuple[str, ...], ...]:
-        """The sets of images that can be calibrated from."""
         return (_BALL_NAMES,) if self.from_import is not None else (_IMAGE_NAMES, _BOARD_NAMES, _BALL_NAMES)
 
     def _names_in(self, folder: Path) -> tuple[str, ...]:
@@ -263,7 +253,6 @@ class CalibrateCommand:
 
 
 def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
-    """Read the images, each the mean of the files given for it."""
     from ninedtact.calibration.procedure import CalibrationImages
     from ninedtact.capture.strict_image_reading import average_images, read_image
 
@@ -273,7 +262,6 @@ def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
 
 
 def _require_no_depth_lost(out: Path) -> None:
-    """Raise `InputError` where the folder holds a sensor that is calibrated for depth."""
     from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 
     if (out / SENSOR_FILE).is_file() and load_sensor(out).record.depth is not None:
@@ -308,10 +296,12 @@ def _capture_guided_images(
     recording."""
     from ninedtact.calibration.guidance import guided_capture_steps
     from ninedtact.calibration.procedure import CalibrationImages
+    from ninedtact.capture.frame_pacing import LatestFrameSource
 
     status = StatusLine()
     simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
-    with _open_camera(source if simulated is None else simulated, automatic) as camera:
+    chosen = source_for(source, camera_settings(automatic)) if simulated is None else simulated
+    with LatestFrameSource(chosen) if chosen.is_live else chosen as camera:
         for step in guided_capture_steps(design, settings):
             status.print_title(step.instruction)
             if simulated is not None:
@@ -322,8 +312,7 @@ def _capture_guided_images(
 
 @contextmanager
 def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator[None]:
-    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder, or
-    in the folder for temporary files where nothing can be written there."""
+    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder."""
     from ninedtact.calibration.save import save_images_beside
 
     try:
@@ -332,23 +321,12 @@ def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator
         complete = {
             name: taken[name] for pair in (_BOARD_NAMES, _BALL_NAMES) for name in pair if taken.keys() >= {*pair}
         }
-        for place in (out, Path(gettempdir(), out.name)) if complete else ():
+        if complete:
             with suppress(OutputError, OSError):  # the first failure is the one to report
-                kept = save_images_beside(place, complete)
+                kept = save_images_beside(out, complete)
                 again = f"--images {quote(str(kept))} in place of --source"
                 print_notice(f"the images are kept in {kept}; run the command with {again}")
-                break
         raise
-
-
-@contextmanager
-def _open_camera(source: "str | FrameSource", automatic: bool) -> "Iterator[FrameSource]":
-    """Open the source; a camera gives its newest frame, a recording every frame."""
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-
-    camera = source_for(source, camera_settings(automatic)) if isinstance(source, str) else source
-    with LatestFrameSource(camera) if camera.is_live else camera as frames:
-        yield frames
 
 
 def _follow_step(

@@ -15,7 +15,7 @@ from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import PageSensor, PageSettings, require_page_libraries, serve_sensor_page
 from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.source_addresses import SIMULATED, is_twin_address, source_in_real_time
 
 if TYPE_CHECKING:

@@ -49,7 +49,6 @@ class CheckCommand:
 
 
 def _check_result(path: Path, drift: "DriftMeasurement", found: "list[DriftFinding]") -> dict[str, Any]:
-    """One image's diagnosis and figures."""
     return {
         "image": str(path),
         "diagnosis": found[0].diagnosis if found else "fine",
@@ -89,19 +88,12 @@ def _to_json_dict(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]
 
 
 def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
-    """The diagnoses for a person."""
     for found in results:
         yield f"{found['image']}: {found['diagnosis']}"
         for finding in found["findings"]:
-            yield f"  {finding['sentence']}{_format_height_effect(finding)}"
+            effect = f"height off by up to {finding['height_mm'] or 0:.2f} mm with the calibration's reference image"
+            yield f"  {finding['sentence']}" + (f" ({effect})" if finding["height_mm"] is not None else "")
         yield from _format_measurement(found)
-
-
-def _format_height_effect(finding: dict[str, Any]) -> str:
-    """What the finding does to the height, where it does."""
-    if finding["height_mm"] is None:
-        return ""
-    return f" (height off by up to {finding['height_mm']:.2f} mm with the calibration's reference image)"
 
 
 def _format_measurement(found: dict[str, Any]) -> Iterator[str]:

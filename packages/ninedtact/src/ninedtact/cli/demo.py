@@ -29,7 +29,7 @@ from ninedtact.cli.shared_options import (
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder

@@ -1,10 +1,11 @@
 """ninedtact doctor: the cameras of this machine, their true frame rate, versions, and optional parts that are missing."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 from ninedtact._version import installation_command
-from ninedtact.cli.result_and_interrupt import StepLine
+from ninedtact.cli.result_and_interrupt import StepLine, print_result
 from ninedtact.cli.shared_options import JsonOption
 
 if TYPE_CHECKING:
@@ -44,27 +45,6 @@ EXTRAS = {
 
 
 @dataclass(frozen=True)
-class _OptionalPart:
-    """An optional part of the package, and how to install it."""
-
-    name: str
-    what_for: str
-    installed: bool
-    lacking: list[str]
-    """Modules that are not installed."""
-    get_it: str
-
-
-@dataclass(frozen=True)
-class _DoctorReport:
-    """What the doctor found on this machine."""
-
-    versions: dict[str, str]
-    cameras: "list[CameraCheck]"
-    extras: list[_OptionalPart]
-
-
-@dataclass(frozen=True)
 class Doctor:
     """List cameras, measure their true frame rate, and report what is missing and how to install it."""
 
@@ -75,13 +55,12 @@ class Doctor:
 
     def run(self) -> int:
         """Print the report; return 1 where the source that was named cannot be read to its end."""
-        report = _DoctorReport(_software_versions(), self._check_cameras(), _optional_parts())
-        print(_to_json(report) if self.json else _to_text(report))
-        failed = self.source is not None and report.cameras[0].trouble is not None
-        return 1 if failed else 0
+        versions, cameras, extras = _software_versions(), self._check_cameras(), list(_optional_parts())
+        found = {"versions": versions, "cameras": list(map(asdict, cameras)), "extras": extras}
+        print_result(self.json, found, _report_lines(versions, cameras, extras))
+        return int(self.source is not None and cameras[0].trouble is not None)
 
     def _check_cameras(self) -> "list[CameraCheck]":
-        """The source that was named, or every camera of this machine."""
         from ninedtact.capture.camera_check import check_camera
         from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
@@ -99,7 +78,6 @@ class Doctor:
 
 
 def _software_versions() -> dict[str, str]:
-    """Return the versions of the package, its main libraries and the system."""
     import platform
     from importlib.metadata import version
 
@@ -115,37 +93,29 @@ def _software_versions() -> dict[str, str]:
     }
 
 
-def _optional_parts() -> list[_OptionalPart]:
-    """Return the optional parts, and the command that installs each."""
+def _optional_parts() -> Iterator[dict[str, Any]]:
     from importlib.util import find_spec
 
-    found = []
     for name, (modules, what_for) in EXTRAS.items():
         lacking = [module for module in modules if find_spec(module) is None]
-        found.append(_OptionalPart(name, what_for, not lacking, lacking, installation_command(name)))
-    return found
+        install = installation_command(name)
+        yield {"name": name, "what_for": what_for, "installed": not lacking, "lacking": lacking, "get_it": install}
 
 
-def _to_json(report: _DoctorReport) -> str:
-    """Return the report as one JSON object."""
-    import json
-    from dataclasses import asdict
-
-    return json.dumps(asdict(report), indent=2)
-
-
-def _to_text(report: _DoctorReport) -> str:
-    """Return the report as text for a person."""
-    none = ["  none found: plug one in, or name a stream, video or folder with --source"]
-    lines = [", ".join(f"{name} {number}" for name, number in report.versions.items()), "", "cameras"]
-    lines += [line for camera in report.cameras for line in camera_lines(camera)] or none
-    lines += ["", "optional parts"]
-    for extra in report.extras:
-        state = "ready" if extra.installed else "missing"
-        lines.append(f"  {extra.name:<14}{state:<9}{extra.what_for}")
-        if not extra.installed:
-            lines.append(f"  {'':<14}no {' and no '.join(extra.lacking)}: {extra.get_it}")
-    return "\n".join(lines)
+def _report_lines(
+    versions: dict[str, str], cameras: "list[CameraCheck]", extras: list[dict[str, Any]]
+) -> Iterator[str]:
+    yield ", ".join(f"{name} {number}" for name, number in versions.items())
+    yield from ("", "cameras")
+    for camera in cameras:
+        yield from camera_lines(camera)
+    if not cameras:
+        yield "  none found: plug one in, or name a stream, video or folder with --source"
+    yield from ("", "optional parts")
+    for extra in extras:
+        yield f"  {extra['name']:<14}{'ready' if extra['installed'] else 'missing':<9}{extra['what_for']}"
+        if extra["lacking"]:
+            yield f"  {'':<14}no {' and no '.join(extra['lacking'])}: {extra['get_it']}"
 
 
 def camera_lines(camera: "CameraCheck") -> list[str]:
@@ -164,7 +134,6 @@ def camera_lines(camera: "CameraCheck") -> list[str]:
 
 
 def _rate_text(camera: "CameraCheck") -> str:
-    """Return the frame rate of a camera as text."""
     if camera.rate is None:
         return f"a recording at {camera.recorded_hz:g} images per second"
     duplicates = f"{camera.rate.duplicates} of {camera.rate.frames} twice" if camera.rate.duplicates else "none twice"

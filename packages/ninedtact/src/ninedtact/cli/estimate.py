@@ -5,10 +5,12 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+from msgspec import Meta
 
+from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.cli.result_and_interrupt import (
     count_images,
     given_or_recorded_sensor,
@@ -26,12 +28,9 @@ if TYPE_CHECKING:
     from ninedtact.reading import Reading
     from ninedtact.sensor import Sensor
 
-Point = tuple[float, float, float]
+_Mm = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Point = tuple[_Mm, _Mm, _Mm]
 COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz", "eTx", "eTy", "eTz")
-
-
-_MAX_ARM_MM = 1e6
-"""Largest coordinate of the point that torques are about."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ class Estimate:
         from ninedtact.errors import CameraError, FileFormatError
         from ninedtact.shape.image_plausibility import ImageImplausible
 
-        self._require_torque_point()
+        require_within_bounds(self)
         if self.out is not None:
             require_place_for_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
@@ -88,15 +87,6 @@ class Estimate:
         if damage is not None:
             print_notice(f"{damage} ({count_images(len(found))} estimated before)")
         return 0 if damage is None else 1
-
-    def _require_torque_point(self) -> None:
-        """Raise `InputError` for a point with a coordinate that is no number, or beyond all arms."""
-        if not all(abs(coordinate) <= _MAX_ARM_MM for coordinate in self.about_mm):
-            raise InputError(
-                expected=f"--about-mm X Y Z of at most {_MAX_ARM_MM:g} mm each",
-                got=f"{self.about_mm}",
-                remedy="0 0 0 is the skin's centre",
-            )
 
     def open_on_source(self, folder: "SensorFolder") -> "Sensor":
         """Return the sensor on the named images, not yet opened; raises `InputError`."""
@@ -180,12 +170,10 @@ class Estimate:
 
 
 def _is_image(text: str) -> bool:
-    """Return whether the text names a single image."""
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
 def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write one line of CSV per image; raises `FileNotWritten`."""
     import csv
     from io import StringIO
 

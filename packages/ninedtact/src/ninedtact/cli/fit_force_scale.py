@@ -90,7 +90,6 @@ class Adapt:
 
 
 def _format_force_calibration(found: "ForceCalibration") -> Iterator[str]:
-    """Yield the lines of a report for a terminal."""
     fit, scale = found.fit, found.fit.adaptation
     for press in found.presses:
         corrected = press.estimated_n * scale.at(press.estimated_n)

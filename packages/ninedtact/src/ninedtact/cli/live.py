@@ -33,7 +33,7 @@ from ninedtact.cli.shared_options import (
 )
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import NONE
-from ninedtact.open_sensor import assemble_live_sensor
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.required_libraries import require_libraries
 from ninedtact.source_addresses import RECORDING_SUFFIX, SIMULATED, is_recording_address

@@ -71,7 +71,6 @@ class ExportCalibrationCommand:
 
 
 def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
-    """What defines the calibration, for scripts."""
     record = sensor.record
     return {
         "sensor": str(sensor.path),
@@ -84,7 +83,6 @@ def _to_json_dict(sensor: "SensorFolder") -> dict[str, object]:
 
 
 def _format_import(sensor: "SensorFolder") -> Iterator[str]:
-    """The same for a person."""
     record = sensor.record
     yield f"sensor {sensor.id} imported: {sensor.path}"
     yield f"  scale  {record.grid.mm_per_px:.5f} mm per pixel, depth to {sensor.depth.curve.max_indentation_mm:.2f} mm"

@@ -135,7 +135,6 @@ def _output_names(images: tuple[Path, ...]) -> list[str]:
 
 
 def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
-    """The figures for a person."""
     for result in results:
         yield (f"{result['image']}: deepest {_format_deepest(result)}, contact {result['contact_area_mm2']:.1f} mm²")
         yield from (f"  {warning}" for warning in result["warnings"])

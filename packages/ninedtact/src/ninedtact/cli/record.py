@@ -135,25 +135,25 @@ class Record:
             )
 
     def _print_result(self, writers: "dict[str, RecordingWriter]", errors: "dict[str, NinedtactError]") -> None:
-        """Print how many messages were written, how many images were dropped or have which warning, and which sensors were lost."""
         messages = {
             topic.path(writer.metadata.topic_name, self.images): number
             for writer in writers.values()
             for topic, number in sorted(writer.written.items())
         }
         lost = {name: str(error) for name, error in errors.items()}
-        figures: dict[str, Any] = {"out": str(self.out), "written": messages}
+        dropped = {name: writer.dropped for name, writer in writers.items()}
+        warned = {name: writer.warned for name, writer in writers.items()}
+        figures: dict[str, Any] = {
+            "out": str(self.out),
+            "written": messages,
+            "dropped": dropped,
+            "warnings": warned,
+            "lost": lost,
+        }
         if "" in writers:
-            figures |= {"dropped": writers[""].dropped, "warnings": writers[""].warned}
-            dropped = f"{writers[''].dropped} images dropped"
-        else:
-            figures |= {
-                "dropped": {name: writer.dropped for name, writer in writers.items()},
-                "warnings": {name: writer.warned for name, writer in writers.items()},
-                "lost": lost,
-            }
-            dropped = "images dropped: " + ", ".join(f"{writer.dropped} of {name}" for name, writer in writers.items())
-        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, {dropped}"]
+            figures |= {"dropped": dropped[""], "warnings": warned[""]}
+        counts = ", ".join(f"{number} of {name}" if name else f"{number}" for name, number in dropped.items())
+        lines = [f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB, images dropped: {counts}"]
         lines += [f"  {number:8d}  {topic}" for topic, number in messages.items()]
         lines += [
             f"  {f'{name}: ' * bool(name)}{number} {'image has' if number == 1 else 'images have'} the warning '{text}'"
@@ -167,22 +167,18 @@ class Record:
         from ninedtact.capture.camera_delay import resolve_camera_delay_ms
         from ninedtact.recording.recorder import SensorToRecord
 
-        camera, force_torque = self._sources(folder, address, name)
+        if is_twin_address(address):
+            camera, force_torque = twin_sources(folder, self.force_torque is not None, name)
+        else:
+            camera, force_torque = source_in_real_time(address, camera_settings(self.automatic)), None
+            if self.force_torque is not None:
+                from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
+
+                mount = folder.record.design.force_torque
+                force_torque = untared_wrench_source_for(self.force_torque, mount, print_notice)
         camera_delay_ms = resolve_camera_delay_ms(self.camera_delay_ms, folder.path, camera.name)
         estimator = load_estimator_with_notices(self.force, folder)
         return SensorToRecord(camera, folder, force_torque, estimator, camera_delay_ms)
-
-    def _sources(self, folder: "SensorFolder", address: str, name: str) -> "tuple[FrameSource, WrenchSource | None]":
-        """Return camera and force/torque sensor, not yet opened."""
-        if is_twin_address(address):
-            return twin_sources(folder, self.force_torque is not None, name)
-        camera = source_in_real_time(address, camera_settings(self.automatic))
-        if self.force_torque is None:
-            return camera, None
-        from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
-
-        mount = folder.record.design.force_torque
-        return camera, untared_wrench_source_for(self.force_torque, mount, print_notice)
 
 
 def twin_sources(

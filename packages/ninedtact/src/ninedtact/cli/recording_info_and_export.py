@@ -125,7 +125,6 @@ def _ending_notices(recordings: "list[Recording]") -> dict[Path, str]:
 
 
 def _load_lerobot_exporter() -> Callable[..., dict[str, int]]:
-    """Return the exporter of the LeRobot plugin; raises `MissingLibraryError`."""
     found = find_entry_point("exporters", "lerobot")
     if found is None:
         raise MissingLibraryError(
@@ -156,7 +155,12 @@ class Export:
 
     def run(self) -> int:
         """Export everything and print how many files and rows were written; return 1 where a recording has no end."""
-        self._require_one_recording_unless_episodes()
+        if len(self.recordings) != 1 and not (self.recordings and self.to == "lerobot"):
+            raise InputError(
+                expected="one recording, or several with --to lerobot",
+                got=f"{len(self.recordings) or 'none'} with --to {self.to}",
+                remedy="export each into a folder or file of its own",
+            )
         from ninedtact.recording.errors import require_recording_libraries
 
         require_recording_libraries()
@@ -193,14 +197,3 @@ class Export:
         print_result(self.json, figures, lines)
         print_notices(notices.values())
         return 0 if is_finished else 1
-
-    def _require_one_recording_unless_episodes(self) -> None:
-        """Raise `InputError` unless the format holds as many recordings as are given."""
-        if not self.recordings:
-            raise InputError(expected="a recording", got="none", remedy="name it after the options")
-        if len(self.recordings) > 1 and self.to != "lerobot":
-            raise InputError(
-                expected="one recording, or several with --to lerobot",
-                got=f"{len(self.recordings)} with --to {self.to}",
-                remedy="export each into a folder or file of its own",
-            )

@@ -88,11 +88,14 @@ def load_sensor_with_notices(path: Path) -> "SensorFolder":
 def given_or_recorded_sensor(sensor: Path | None, source: str) -> "Iterator[SensorFolder]":
     """Load the sensor that a command is given, or that its recording carries, as `load_sensor_with_notices`.
 
-    Raises what `source_addresses.load_given_or_recorded_sensor` raises. Every command with a source reads its sensor here.
+    Raises what `source_addresses.load_recorded_sensor` raises. Every command with a source reads its sensor here.
     """
-    from ninedtact.source_addresses import load_given_or_recorded_sensor
+    if sensor is not None:
+        yield load_sensor_with_notices(sensor)
+        return
+    from ninedtact.source_addresses import load_recorded_sensor
 
-    with load_given_or_recorded_sensor(sensor, source) as folder:
+    with load_recorded_sensor(source) as folder:
         print_notices(folder.notices)
         yield folder
 

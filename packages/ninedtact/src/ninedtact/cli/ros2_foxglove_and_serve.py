@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from ninedtact.interop.dds import DdsParticipant
     from ninedtact.interop.ros2_sensor import SensorOnRos2
     from ninedtact.interop.ros2_topics_and_messages import QosProfile
-    from ninedtact.open_sensor import LiveSensor
+    from ninedtact.live_sensor import LiveSensor
 
 _DEMO_SENSOR = Path("out/demo/sensor")
 """Where `ninedtact demo` keeps the twin of the published design."""
@@ -68,7 +68,7 @@ class SharedSensorOptions:
     @contextmanager
     def assemble(self, source: str, sensor: Path | None) -> "Iterator[tuple[SensorFolder, LiveSensor]]":
         """Yield a sensor's folder, and the sensor on its source with its estimator, not yet opened."""
-        from ninedtact.open_sensor import assemble_live_sensor
+        from ninedtact.live_sensor import assemble_live_sensor
 
         with _folder_or_demo_twin(sensor, source) as folder:
             yield (

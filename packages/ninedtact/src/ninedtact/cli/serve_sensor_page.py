@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ninedtact.interop.rerun import RerunViewer
     from ninedtact.live.reading_recorder import ReadingRecorder
     from ninedtact.live.socket_guard import SocketGuard
-    from ninedtact.open_sensor import LiveSensor
+    from ninedtact.live_sensor import LiveSensor
     from ninedtact.reading import Reading
     from ninedtact.studio.page_controller import DisplayedSensor
 

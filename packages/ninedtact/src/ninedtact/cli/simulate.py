@@ -64,7 +64,6 @@ class _Fit:
         return 1 if has_failed_checks(folder.record.certificate) else 0
 
     def _format_fit(self, twin: "TwinTable", written: Path) -> Iterator[str]:
-        """Yield the lines that describe the fit."""
         fit = twin.fit
         yield f"twin of {self.sensor} fitted in {fit.duration_s:.1f} s"
         yield (
@@ -104,7 +103,6 @@ class _Objects:
 
 
 def _format_object_list(solids: dict[str, str], made: dict[str, list[str]], endings: tuple[str, ...]) -> Iterator[str]:
-    """Yield the lines of the list."""
     yield "primitives, with dimensions in mm and degrees; dimensions that are left out have defaults:"
     yield from (f"  {kind}:{dimensions}" for kind, dimensions in solids.items())
     yield "generated objects, any number of each family (gear_07; --seed for others):"
@@ -228,7 +226,6 @@ class _Press:
 
 
 def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", mm_per_px: float) -> dict[str, Any]:
-    """Return the results of a press for JSON."""
     import numpy as np
 
     wrench, pressed = contact.wrench(), np.asarray(contact.pressure_mpa) > 0
@@ -254,7 +251,6 @@ def _press_to_json_dict(indenter: "Indenter", contact: "Contact", twin: "Twin", 
 
 
 def _format_press(found: dict[str, Any], out: Path) -> Iterator[str]:
-    """Yield the lines that summarise a press."""
     force, torque = found["wrench"]["force_n"], found["wrench"]["torque_nm"]
     area = found["contact_area_mm2"]
     yield (
@@ -267,14 +263,12 @@ def _format_press(found: dict[str, Any], out: Path) -> Iterator[str]:
 
 
 def _encode_png(image: "np.ndarray") -> bytes:
-    """Return an image as the bytes of a .png file."""
     import cv2
 
     return cv2.imencode(".png", image)[1].tobytes()
 
 
 def _encode_npy(field: "np.ndarray") -> bytes:
-    """Return an array as the bytes of a .npy file."""
     import numpy as np
 
     buffer = BytesIO()

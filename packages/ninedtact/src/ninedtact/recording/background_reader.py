@@ -43,12 +43,13 @@ class BackgroundReader(Generic[Item]):
         capacity: int,
         *delivered_errors: type[Exception],
         on_stall: Callable[[str], None] = lambda sentence: None,
+        stall_s: float = STALL_S,
     ) -> None:
         """capacity: items that wait to be taken. delivered_errors: errors that are delivered like items; reading continues.
 
-        on_stall: called by `take` with a sentence, once each time that nothing has arrived for `STALL_S`.
+        on_stall: called by `take` with a sentence, once each time that nothing has arrived for `stall_s`.
         """
-        self.source = source
+        self.source, self._stall_s = source, stall_s
         self._on_stall, self._stall_at = on_stall, float("inf")
         self._capacity, self._delivered_errors = capacity, delivered_errors
         self._items: deque[Arrival[Item]] = deque()
@@ -68,19 +69,21 @@ class BackgroundReader(Generic[Item]):
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._error, wait_s)
             if self._items:
-                self._stall_at = monotonic() + STALL_S
+                self._stall_at = monotonic() + self._stall_s
                 return self._items.popleft()
             if self._error is not None:
                 raise self._error
         if monotonic() > self._stall_at:
             self._stall_at = float("inf")
-            self._on_stall(f"nothing has arrived from {self.source.name} for {STALL_S:g} s; check it and its cable")
+            self._on_stall(
+                f"nothing has arrived from {self.source.name} for {self._stall_s:g} s; check it and its cable"
+            )
         return None
 
     def __enter__(self) -> "BackgroundReader[Item]":
         """Open the source, raising what it raises."""
         self.source.open()
-        self._stall_at = monotonic() + STALL_S
+        self._stall_at = monotonic() + self._stall_s
         self._thread.start()
         return self
 
@@ -92,20 +95,16 @@ class BackgroundReader(Generic[Item]):
     def _read_all(self) -> None:
         try:
             while not self._closing:
-                self._store(self._read_next())
+                item: Any
+                try:
+                    item = self.source.read()
+                except self._delivered_errors as error:
+                    item = error
+                with self._changed:
+                    if len(self._items) < self._capacity:
+                        self._items.append(Arrival(item, monotonic_ns()))
+                        self._changed.notify_all()
         except BaseException as error:  # handed to the thread that takes items
             with self._changed:
                 self._error = error
-                self._changed.notify_all()
-
-    def _read_next(self) -> Any:
-        try:
-            return self.source.read()
-        except self._delivered_errors as error:
-            return error
-
-    def _store(self, item: Any) -> None:
-        with self._changed:
-            if len(self._items) < self._capacity:
-                self._items.append(Arrival(item, monotonic_ns()))
                 self._changed.notify_all()

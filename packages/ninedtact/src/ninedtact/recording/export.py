@@ -3,7 +3,7 @@
 import csv
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
@@ -71,17 +71,12 @@ def require_exportable(recordings: Sequence[Recording]) -> None:
 
 
 def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) -> dict[str, int]:
-    """Write everything into a folder that exists."""
     written = {
         "images": _export_images(recording, out, on_image),
         "references": _export_references(recording, out),
-        "measured": _export_measured(recording, out / "wrench_measured.csv"),
-        "estimated": _export_estimates(recording, out / "wrench_estimated.csv"),
         "heights": _export_heights(recording, out),
         "warned": len(recording.positions(Topic.WARNINGS)),
-        "pairs": _export_pairs(recording, out / "pairs.csv"),
-        "events": _export_events(recording, out / "events.csv"),
-        "spans": _export_spans(recording, out / "spans.csv"),
+        **{kind: _write_csv(out / name, header, rows) for kind, name, header, rows in _tables_of(recording)},
         "sensor": len(files := recording.sensor_files()),
     }
     if files:
@@ -89,6 +84,39 @@ def _export_into(recording: Recording, out: Path, on_image: Callable[[], None]) 
     summary = json.dumps(asdict(recording.summary()), indent=2, ensure_ascii=False)
     write_file_atomically(out / "recording.json", summary.encode())
     return written
+
+
+def _tables_of(recording: Recording) -> Iterator[tuple[str, str, Sequence[str], Iterable[Iterable[Any]]]]:
+    """Yield kind, file, columns and rows of every table whose rows belong to no other files.
+
+    Wrenches are about the skin centre; the standard deviation of an unknown one is inf. Undone contacts have no pairs.
+    """
+
+    def at(stamp_ns: int) -> tuple[int, int]:
+        return _both_times(recording, stamp_ns)
+
+    wrench, warnings = (*_TIME_COLUMNS, *WRENCH_COLUMNS), (*_STD_COLUMNS, "warnings")
+    measured = ((*at(one.stamp_ns), *one.six.tolist()) for one in recording.wrenches())
+    yield "measured", "wrench_measured.csv", wrench, measured
+    estimated = (
+        (*at(one.wrench.stamp_ns), *one.wrench.six.tolist(), *one.std.tolist(), "; ".join(one.warnings))
+        for one in recording.estimates()
+    )
+    yield "estimated", "wrench_estimated.csv", (*wrench, *warnings), estimated
+    pairs = (
+        (f"image_{pair.image:08d}.png", pair.object, pair.contact, pair.kind, pair.reference, *pair.wrench.six.tolist())
+        for pair in recording.kept_labels()
+    )
+    yield "pairs", "pairs.csv", ("image", "object", "contact", "kind", "reference", *WRENCH_COLUMNS), pairs
+    events = ((*at(event.stamp_ns), event.kind.value, event.subject, event.text) for event in recording.events())
+    yield "events", "events.csv", (*_TIME_COLUMNS, "kind", "subject", "text"), events
+    spans = ((span.label, *at(span.begin_ns), *at(span.end_ns)) for span in recording.spans())
+    yield (
+        "spans",
+        "spans.csv",
+        ("label", *(f"{end}_{name}" for end in ("begin", "end") for name in _TIME_COLUMNS)),
+        spans,
+    )
 
 
 def _export_images(recording: Recording, out: Path, on_image: Callable[[], None]) -> int:
@@ -110,26 +138,6 @@ def _export_references(recording: Recording, out: Path) -> int:
     return count
 
 
-def _export_measured(recording: Recording, path: Path) -> int:
-    """Write a table of the measured wrenches about the skin centre."""
-    rows = ((*_both_times(recording, wrench.stamp_ns), *wrench.six.tolist()) for wrench in recording.wrenches())
-    return _write_csv(path, (*_TIME_COLUMNS, *WRENCH_COLUMNS), rows)
-
-
-def _export_estimates(recording: Recording, path: Path) -> int:
-    """Write a table of the estimated wrenches about the skin centre, with their standard deviations (inf: unknown) and warnings."""
-    rows = (
-        (
-            *_both_times(recording, one.wrench.stamp_ns),
-            *one.wrench.six.tolist(),
-            *one.std.tolist(),
-            "; ".join(one.warnings),
-        )
-        for one in recording.estimates()
-    )
-    return _write_csv(path, (*_TIME_COLUMNS, *WRENCH_COLUMNS, *_STD_COLUMNS, "warnings"), rows)
-
-
 def _export_heights(recording: Recording, out: Path) -> int:
     """Write every height map in mm, NaN out of view, named by the index of its image, and a table of their times and warnings."""
     warnings, rows = dict(recording.warnings()), []
@@ -141,36 +149,7 @@ def _export_heights(recording: Recording, out: Path) -> int:
     return _write_csv(out / "heights.csv", ("height", *_TIME_COLUMNS, "warnings"), rows)
 
 
-def _export_pairs(recording: Recording, path: Path) -> int:
-    """Write a table of the saved pairs, undone contacts excluded."""
-    rows = (
-        (f"image_{pair.image:08d}.png", pair.object, pair.contact, pair.kind, pair.reference, *pair.wrench.six.tolist())
-        for pair in recording.kept_labels()
-    )
-    return _write_csv(path, ("image", "object", "contact", "kind", "reference", *WRENCH_COLUMNS), rows)
-
-
-def _export_events(recording: Recording, path: Path) -> int:
-    """Write a table of the events."""
-    rows = (
-        (*_both_times(recording, event.stamp_ns), event.kind.value, event.subject, event.text)
-        for event in recording.events()
-    )
-    return _write_csv(path, (*_TIME_COLUMNS, "kind", "subject", "text"), rows)
-
-
-def _export_spans(recording: Recording, path: Path) -> int:
-    """Write a table of the labelled spans, with the time of both ends."""
-    rows = (
-        (span.label, *_both_times(recording, span.begin_ns), *_both_times(recording, span.end_ns))
-        for span in recording.spans()
-    )
-    columns = [f"{end}_{name}" for end in ("begin", "end") for name in _TIME_COLUMNS]
-    return _write_csv(path, ("label", *columns), rows)
-
-
 def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:
-    """Return a stamp on the monotonic and on the wall clock."""
     return stamp_ns, recording.metadata.wall_ns(stamp_ns)
 
 

@@ -6,22 +6,17 @@ This package reads a recording that was cut short as it is; other programs (`ros
 import json
 import shutil
 import time
-import zlib
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from threading import Lock
 from typing import BinaryIO
 
-from mcap.data_stream import RecordBuilder
-from mcap.records import Attachment, AttachmentIndex, Channel, DataEnd, Footer, McapRecord, Message, Schema
-from mcap.summary import Summary
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.records import Attachment, Channel, Message, Schema
+from mcap.writer import CompressionType, Writer
 
 from ninedtact._version import __version__
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import OutputError
-from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import WRITTEN_WITHIN_S, McapFile, is_being_written, seconds_since_change
 from ninedtact.recording.metadata import REPAIR_RECORD
 from ninedtact.recording.reader import SPANS_ATTACHMENT, Recording, recorded_sensor_addresses
@@ -48,22 +43,21 @@ def edit_labelled_spans(
     """Change the labelled spans that a recording has now, whoever wrote them, and return the new ones in their order.
 
     Edits of one recording within this program follow each other, so that none is lost. The file is replaced as a whole by a copy,
-    or stays as it was; one that was cut short is replaced by its whole copy first. Raises what `Recording` raises,
+    or stays as it was. Raises what `Recording` raises,
     `OutputError` for a file that is still being written, and `FileNotWritten`.
     """
-    with _EDIT_LOCKS.setdefault(path.resolve(), Lock()):
-        with Recording(recorded_sensor_addresses(path)[0]) as recording:
-            before = recording.spans()
-            spans = sorted(change(before), key=lambda span: (span.begin_ns, span.end_ns))
-            if spans == before:
-                return spans
-            _require_ended(recording)
-            newest_ns = int(max(recording.stamps_ns(Topic.IMAGES), default=0))
-            if not recording.is_finished:
-                with _replacement(path) as file:
-                    _write_whole(recording.file, file)
+    with _EDIT_LOCKS.setdefault(path.resolve(), Lock()), Recording(recorded_sensor_addresses(path)[0]) as recording:
+        before = recording.spans()
+        spans = sorted(change(before), key=lambda span: (span.begin_ns, span.end_ns))
+        if spans == before:
+            return spans
+        _require_ended(recording)
+        newest_ns = int(max(recording.stamps_ns(Topic.IMAGES), default=0))
         content = json.dumps([vars(span) for span in spans], ensure_ascii=False).encode()
-        _attach(path, Attachment(newest_ns, newest_ns, SPANS_ATTACHMENT, "application/json", content))
+        attached = Attachment(newest_ns, newest_ns, SPANS_ATTACHMENT, "application/json", content)
+        with open_atomic_file(path) as file:
+            shutil.copymode(path, file.name)
+            _write_whole(recording.file, file, attached)
     return spans
 
 
@@ -79,23 +73,19 @@ def _require_ended(recording: Recording) -> None:
         )
 
 
-@contextmanager
-def _replacement(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that replaces another one, with its permissions, when the block ends well."""
-    with open_atomic_file(path) as file:
-        shutil.copymode(path, file.name)
-        yield file
+def _write_whole(source: McapFile, file: BinaryIO, spans: Attachment | None = None) -> None:
+    """Write all whole records of a file, with these spans in place of those attached to it.
 
-
-def _write_whole(source: McapFile, file: BinaryIO) -> None:
-    """Write all whole records of a file; schemas and channels keep their numbers, because they are registered in the same order."""
+    Schemas and channels keep their numbers, because they are registered in the same order.
+    """
     writer = Writer(file, CHUNK_BYTES, CompressionType.ZSTD)
     writer.start("ros2", f"ninedtact {__version__}")
     for metadata in source.metadata:
         writer.add_metadata(metadata.name, metadata.metadata)
     if not source.is_finished:
         writer.add_metadata(REPAIR_RECORD, {"wall_ns": str(time.time_ns())})
-    for one in source.attachments():
+    attached = [one for one in source.attachments() if spans is None or one.name != spans.name]
+    for one in attached if spans is None else [*attached, spans]:
         writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
     for record in (record for chunk in source.chunks() for record in chunk):
         if isinstance(record, Schema):
@@ -105,52 +95,3 @@ def _write_whole(source: McapFile, file: BinaryIO) -> None:
         elif isinstance(record, Message):
             writer.add_message(record.channel_id, record.log_time, record.data, record.publish_time, record.sequence)
     writer.finish()
-
-
-def _attach(path: Path, attachment: Attachment) -> None:
-    """Attach a list of labels to a finished recording, in place of an earlier one at the end of its data."""
-    with Recording(recorded_sensor_addresses(path)[0]) as recording:
-        summary, end = recording.file.summary, recording.file.end
-    if summary is None or summary.statistics is None:
-        raise RecordingUnreadable(
-            expected=f"a summary at the end of {path}", got="none", remedy="write a whole copy of it, and label that"
-        )
-    last = summary.attachment_indexes[-1] if summary.attachment_indexes else None
-    if last is not None and last.name == attachment.name and last.offset + last.length == end:
-        end = last.offset
-        summary.attachment_indexes.pop()
-    builder = RecordBuilder()
-    attachment.write(builder)
-    index = AttachmentIndex(
-        end,
-        builder.count,
-        attachment.log_time,
-        attachment.create_time,
-        len(attachment.data),
-        attachment.name,
-        attachment.media_type,
-    )
-    summary.attachment_indexes.append(index)
-    summary.statistics.attachment_count = len(summary.attachment_indexes)
-    with path.open("rb") as original, _replacement(path) as file:
-        shutil.copyfileobj(original, file)
-        file.truncate(end)
-        file.seek(end)
-        file.write(builder.end())
-        _write_ending(file, summary)
-
-
-def _write_ending(file: BinaryIO, summary: Summary) -> None:
-    """Write the end of the data, the summary, and the footer, whose checksum covers the summary and itself."""
-    builder = RecordBuilder()
-    DataEnd(0).write(builder)
-    start = file.tell() + builder.count
-    file.write(builder.end())
-    records: list[McapRecord] = [*summary.schemas.values(), *summary.channels.values()]
-    records += [summary.statistics] if summary.statistics is not None else []
-    records += [*summary.chunk_indexes, *summary.attachment_indexes, *summary.metadata_indexes]
-    for record in records:
-        record.write(builder)
-    Footer(start, 0, 0).write(builder)
-    content = builder.end()[:-4]
-    file.write(content + zlib.crc32(content).to_bytes(4, "little") + MCAP0_MAGIC)

@@ -22,7 +22,6 @@ from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata
 from mcap.stream_reader import breakup_chunk
-from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from numpy import ndarray as Array
 
@@ -50,8 +49,6 @@ class McapFile:
         self.path, self._file = path, _open_file(path)
         self.end = len(MCAP0_MAGIC)
         """End of the last whole record before the summary."""
-        self.summary: Summary | None = None
-        """The summary of a finished file, as the library reads it."""
         self.metadata: list[Metadata] = []
         self._attachments: list[tuple[int, int]] = []
         self._chunks: list[tuple[int, int]] = []
@@ -165,7 +162,6 @@ class McapFile:
             self._chunks.pop()
 
     def _add_positions(self, channel: int, stamps_ns: Array) -> None:
-        """Add the messages of a channel in the last chunk."""
         found = np.empty(len(stamps_ns), MESSAGE_POSITION)
         found["stamp_ns"], found["number"] = stamps_ns, np.arange(len(stamps_ns))
         found["channel"], found["chunk"] = channel, len(self._chunks) - 1
@@ -175,8 +171,8 @@ class McapFile:
     def _require_counted_records(self) -> None:
         """Compare a finished file with the counts of its own summary; raises `RecordingUnreadable` where something is missing."""
         self._file.seek(0)
-        self.summary = SeekingReader(self._file).get_summary()
-        stated = None if self.summary is None else self.summary.statistics
+        summary = SeekingReader(self._file).get_summary()
+        stated = None if summary is None else summary.statistics
         messages = {channel: sum(map(len, parts)) for channel, parts in self._positions.items()}
         counts = len(self._chunks), len(self._attachments), len(self.metadata), messages
         if stated is not None and counts != (
@@ -188,7 +184,6 @@ class McapFile:
             raise self._damage_error(self.end)
 
     def _content(self, start: int, end: int) -> bytes:
-        """Return the content of a record."""
         self._file.seek(start + _PREFIX.size)
         return self._file.read(end - start - _PREFIX.size)
 

@@ -43,10 +43,6 @@ def wall_time_ns(stamp_ns: int) -> int:
     return stamp_ns + wall_minus_monotonic_ns()
 
 
-def _new_recording_id() -> str:
-    return f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{token_hex(2)}"
-
-
 @dataclass(frozen=True)
 class RecordingMetadata:
     """The data that apply to a whole recording of a sensor: one run of one program; several sensors have one each."""
@@ -72,7 +68,7 @@ class RecordingMetadata:
     """Name of the sensor among several of one recording, such as left; empty in a recording of one sensor."""
     software: str = __version__
     """Version of the package that made the recording."""
-    id: str = field(default_factory=_new_recording_id)
+    id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{token_hex(2)}")
     wall_minus_monotonic_ns: int = field(default_factory=wall_minus_monotonic_ns)
 
     @property

@@ -28,7 +28,7 @@ from ninedtact.recording.metadata import (
     choose_sensor_metadata,
     parse_sensor_metadata,
 )
-from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, TopicSummary, summarise_topic
+from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, summarise_topic
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     PairLabel,
@@ -296,7 +296,16 @@ class Recording:
             dropped=self.dropped_count,
             height_step_mm=metadata.height_step_mm,
             camera_delay_ms=metadata.camera_delay_ms,
-            topics=[self._topic_summary(topic) for topic in Topic if len(self.positions(topic))],
+            topics=[
+                summarise_topic(
+                    self._path(topic),
+                    topic.message_type(metadata.images),
+                    self.stamps_ns(topic),
+                    topic in PERIODIC_TOPICS and (topic is not Topic.IMAGES or metadata.purpose == "record"),
+                )
+                for topic in Topic
+                if len(self.positions(topic))
+            ],
             pairs=dict(Counter(label.kind for label in self.kept_labels())),
             events=dict(Counter(event.kind.value for event in self.events())),
             spans=self.spans(),
@@ -320,12 +329,6 @@ class Recording:
 
     def _path(self, topic: Topic) -> str:
         return topic.path(self.metadata.topic_name, self.metadata.images)
-
-    def _topic_summary(self, topic: Topic) -> TopicSummary:
-        is_periodic = topic in PERIODIC_TOPICS and (topic is not Topic.IMAGES or self.metadata.purpose == "record")
-        return summarise_topic(
-            self._path(topic), topic.message_type(self.metadata.images), self.stamps_ns(topic), is_periodic
-        )
 
     def close(self) -> None:
         """Close the file of the recording."""

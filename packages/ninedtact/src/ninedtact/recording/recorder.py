@@ -19,7 +19,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
-from ninedtact.recording.background_reader import BackgroundReader
+from ninedtact.recording.background_reader import STALL_S, BackgroundReader
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
@@ -117,7 +117,7 @@ def record_several(
     recorders: dict[str, Recorder] = {}
     for name, part in sensors.items():
         beside = next((one.writer for one in recorders.values()), None)
-        said = partial(_notify_of, name, notify)
+        said = partial(lambda beginning, sentence: notify(beginning + sentence), f"{name}: " if name else "")
         recorders[name] = _new_recorder(part, out, replace(first, name=name), heights, said, beside)
     writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
     ending = Event()
@@ -149,11 +149,6 @@ def record_several(
             for one in written:
                 one.result()
     return writers, errors
-
-
-def _notify_of(name: str, notify: Callable[[str], None], sentence: str) -> None:
-    """Report a sentence about a sensor, with its name among several."""
-    notify(f"{name}: {sentence}" if name else sentence)
 
 
 def _new_recorder(
@@ -256,7 +251,10 @@ class EstimateRecorder:
             if len(self._first) < REFERENCE_FRAMES:
                 return
             self._depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
-            self._report_faults(self._depth_reader, writer)
+            for fault in self._depth_reader.reference_faults:
+                remark = RecordingEvent(frame.stamp_ns, RecordingEventKind.REMARK, "reference image", fault)
+                writer.write_event(remark)
+                self.notify(f"the reference image is doubtful; {fault}")
         for waiting in self._first:
             reading = read_frame(waiting, self.shape, self._depth_reader)
             if self._estimates_force:
@@ -267,13 +265,6 @@ class EstimateRecorder:
     @property
     def _estimates_force(self) -> bool:
         return not isinstance(self.estimator, NoForceEstimator)
-
-    def _report_faults(self, depth_reader: DepthReader, writer: RecordingWriter) -> None:
-        """Report the faults of the reference, as remarks in the recording and to the person who records."""
-        for fault in depth_reader.reference_faults:
-            stamp_ns = self._first[0].stamp_ns
-            writer.write_event(RecordingEvent(stamp_ns, RecordingEventKind.REMARK, "reference image", fault))
-            self.notify(f"the reference image is doubtful; {fault}")
 
 
 class _Streams(NamedTuple):
@@ -292,7 +283,8 @@ class Recorder:
     force_torque: WrenchSource | None = None
     estimates: EstimateRecorder | None = None
     notify: Callable[[str], None] = lambda sentence: None
-    """Receives a sentence each time that a device has delivered nothing for a while."""
+    """Receives a sentence each time that a device has delivered nothing for `stall_s`."""
+    stall_s: float = STALL_S
 
     def run(self, should_stop: Callable[[], bool]) -> None:
         """Open the devices and `write`."""
@@ -305,9 +297,11 @@ class Recorder:
         with ExitStack() as opened:
             samples = None
             if self.force_torque is not None:
-                wrenches = BackgroundReader[Wrench](self.force_torque, _BUFFERED_SAMPLES, on_stall=self.notify)
+                wrenches = BackgroundReader[Wrench](
+                    self.force_torque, _BUFFERED_SAMPLES, on_stall=self.notify, stall_s=self.stall_s
+                )
                 samples = opened.enter_context(wrenches)
-            frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify)
+            frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify, stall_s=self.stall_s)
             yield _Streams(opened.enter_context(frames), samples)
 
     def write(self, streams: "_Streams", should_stop: Callable[[], bool]) -> None:

@@ -266,11 +266,6 @@ def decode_wrench(data: bytes, stamp_ns: int) -> Wrench:
     return Wrench(np.array(force), np.array(torque), stamp_ns=stamp_ns)
 
 
-def decode_covariance(data: bytes) -> Float64[Array, "6 6"]:
-    """Return the covariance of a message, in the order of `Wrench.six`."""
-    return np.array(_decode(Topic.COVARIANCE, data).data, float).reshape(6, 6)
-
-
 def decode_estimate_warnings(data: bytes) -> list[str]:
     """Return the warnings of a message."""
     return [status.message for status in _decode(Topic.WARNINGS, data).status]
@@ -278,7 +273,9 @@ def decode_estimate_warnings(data: bytes) -> list[str]:
 
 def decode_wrench_estimate(wrench: Wrench, covariance: bytes | None, warnings: bytes | None) -> WrenchEstimate:
     """Return the estimate of an image from its wrench and two messages; without a covariance, the variances are infinite."""
-    matrix = np.diag(np.full(6, np.inf)) if covariance is None else decode_covariance(covariance)
+    matrix = np.diag(np.full(6, np.inf))
+    if covariance is not None:
+        matrix = np.array(_decode(Topic.COVARIANCE, covariance).data, float).reshape(6, 6)
     texts = [] if warnings is None else decode_estimate_warnings(warnings)
     known = tuple(EstimateWarning(text) for text in texts if text in set(EstimateWarning))
     return WrenchEstimate(wrench, matrix, bool(wrench.six.any()), known)
@@ -331,7 +328,6 @@ def _without_stamp(item: RecordingEvent | PairLabel) -> dict[str, Any]:
 
 
 def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: str, values: Array) -> bytes:
-    """Return an image message, row by row, little-endian."""
     rows, cols = shape
     data = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
     layout = {"height": rows, "width": cols, "encoding": encoding, "is_bigendian": 0, "step": data.size // rows}

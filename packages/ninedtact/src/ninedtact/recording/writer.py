@@ -103,7 +103,11 @@ class RecordingWriter:
         try:
             opened.mcap.start("ros2", f"ninedtact {self.metadata.software}")
             for writer in opened.writers:
-                writer._begin()
+                now_ns = monotonic_ns()
+                wall_ns = writer.metadata.wall_ns(now_ns)
+                opened.mcap.add_metadata(METADATA_RECORD, writer.metadata.to_mcap_metadata())
+                for name, content in writer._attachments.items():
+                    opened.mcap.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
             for writer in opened.writers:
                 writer._register_channels()
         except BaseException:
@@ -242,14 +246,6 @@ class RecordingWriter:
     def _encode_image(self, frame: Frame) -> bytes:
         wall_ns = self.metadata.wall_ns(frame.stamp_ns)
         return encode_image(frame.image, wall_ns, self.metadata.images, self._frame_id(CAMERA_FRAME))
-
-    def _begin(self) -> None:
-        """Write metadata and attachments."""
-        now_ns, mcap = monotonic_ns(), self._open_file.mcap
-        mcap.add_metadata(METADATA_RECORD, self.metadata.to_mcap_metadata())
-        for name, content in self._attachments.items():
-            wall_ns = self.metadata.wall_ns(now_ns)
-            mcap.add_attachment(wall_ns, now_ns, name, "application/octet-stream", content)
 
     def _register_channels(self) -> None:
         """Register the topics, and the message types that no other sensor of the file has."""

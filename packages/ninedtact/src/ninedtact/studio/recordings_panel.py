@@ -23,7 +23,7 @@ from ninedtact.recording.export import export_each_sensor
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.source_addresses import RECORDING_SUFFIX, load_given_or_recorded_sensor
+from ninedtact.source_addresses import RECORDING_SUFFIX, load_recorded_sensor
 from ninedtact.studio.page_cards import (
     card_html,
     explained_wrench_table_html,
@@ -70,7 +70,7 @@ class RecordingsPanelContext:
             carries_none = not recording.sensor_files()
             if carries_none and recording.sensor == self.sensor.id:
                 return self.sensor.shape
-        with load_given_or_recorded_sensor(None, str(path)) as folder:
+        with load_recorded_sensor(str(path)) as folder:
             return folder.shape
 
 

@@ -93,7 +93,7 @@ def test_numbers_that_are_left_out_count_as_dropped_and_no_number_counts_as_none
 
 
 def test_bad_samples_are_raised_one_by_one_and_an_error_after_the_last(driver: HandFedDriver) -> None:
-    driver.feed(1, flaw=WrenchSaturated("expected less, got more; press less"))
+    driver.feed(1, is_saturated=True)
     driver.feed(2, six=np.array([0, 0, np.inf, 0, 0, 0]))
     driver.feed(3)
     driver.queue.put(OSError("the cable"))

@@ -1,7 +1,5 @@
 """Around every device: what is refused, the tare, the mount, and a device's clock beside ours."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,23 +7,20 @@ from hypothesis import strategies as st
 from played import MS, Played, noisy
 from scipy.spatial.transform import Rotation
 
-from ninedtact.capture.force_torque.driver_source import DeviceClock, MissingSampleCounter
+from ninedtact.capture.force_torque.driver_source import DeviceClock
 from ninedtact.capture.force_torque.sample_checks import (
     CheckedWrenchSource,
     SampleCheckSettings,
     SkippingWrenchSource,
 )
 from ninedtact.capture.force_torque.tare import (
-    TaredWrenchSource,
     TareRefused,
     TareSettings,
-    ZeroDrift,
+    compute_tare,
 )
 from ninedtact.capture.force_torque.wrench_source_from_address import (
-    CheckAndTareSettings,
     DeviceFrameWrenchSource,
     MountedWrenchSource,
-    build_wrench_source,
 )
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import (
@@ -144,30 +139,15 @@ def test_who_only_looks_skips_what_cannot_be_trusted_and_is_told_once() -> None:
         assert source.skipped == 0
 
 
-def test_a_tare_takes_the_bias_off_and_tells_the_noise() -> None:
-    with TaredWrenchSource(Played(noisy(3000, BIAS)), TareSettings()) as source:
-        first = source.tare
-        source.open()  # opening an open source does nothing
-        assert source.tare is first
-        assert source.tare.samples == pytest.approx(1000, abs=2) and source.tare.seconds == pytest.approx(1.0, abs=0.01)
-        assert source.tare.mean == pytest.approx(BIAS, abs=0.004)
-        assert source.tare.deviation[:3] == pytest.approx(0.02, rel=0.15)
-        assert source.tare.sentence.startswith("tared over 1.0 s, 1001 samples; noise of one sample (0.0")
-        left = [source.read().six for _ in range(1000)]
-    assert np.abs(np.mean(left, axis=0)).max() < 0.005
+def wrenches_of(six: np.ndarray) -> list[Wrench]:
+    return [Wrench(one[:3], one[3:]) for one in six]
 
 
-def test_a_sample_that_arrives_while_the_source_is_closed_has_its_tare_too() -> None:
-    class ClosedMeanwhile(Played):
-        def read(self) -> Wrench:
-            wrench = super().read()
-            if self._next == len(self._six):
-                source.close()
-            return wrench
-
-    source = TaredWrenchSource(ClosedMeanwhile([BIAS] * 12), TareSettings(seconds=0.01))
-    with source:
-        assert source.read().six == pytest.approx(np.zeros(6), abs=1e-12)
+def test_a_tare_is_the_bias_with_its_noise() -> None:
+    tare = compute_tare(wrenches_of(noisy(1000, BIAS)), TareSettings())
+    assert tare.mean == pytest.approx(BIAS, abs=0.004) and tare.deviation[:3] == pytest.approx(0.02, rel=0.15)
+    with pytest.raises(TareRefused, match="expected 8 samples"):
+        compute_tare(wrenches_of(noisy(7)), TareSettings())
 
 
 @pytest.mark.parametrize(
@@ -179,16 +159,9 @@ def test_a_sample_that_arrives_while_the_source_is_closed_has_its_tare_too() -> 
     ],
     ids=["drifts", "was touched", "swings"],
 )
-def test_a_tare_of_a_load_that_moves_is_refused_and_nothing_stays_open(moving: np.ndarray) -> None:
-    played = Played(moving + noisy(1100))
-    with pytest.raises(TareRefused, match=r"expected a load at rest .* take the hand away"), TaredWrenchSource(played):
-        pass
-    assert not played.opened
-    with TaredWrenchSource(Played([*noisy(1001, BIAS), *moving + noisy(1100)])) as source:
-        before = source.tare
-        with pytest.raises(TareRefused):
-            source.take_tare()
-        assert source.tare is before  # the last good one stays
+def test_a_tare_of_a_load_that_moves_is_refused(moving: np.ndarray) -> None:
+    with pytest.raises(TareRefused, match=r"expected a load at rest .* take the hand away"):
+        compute_tare(wrenches_of(moving + noisy(1100)), TareSettings())
 
 
 @pytest.mark.parametrize("count", [8, 30, 1000])
@@ -196,27 +169,10 @@ def test_noise_alone_hardly_ever_refuses_a_tare(count: int) -> None:
     refused, tares = 0, 8_000 // count
     for seed in range(tares):
         try:
-            TaredWrenchSource(
-                Played(noisy(count, BIAS, 1.0, seed), 100.0), TareSettings(seconds=0.1 * (count - 1.5))
-            ).open()
+            compute_tare(wrenches_of(np.array(noisy(count, BIAS, 1.0, seed))), TareSettings())
         except TareRefused:
             refused += 1
     assert refused <= 0.003 * tares
-
-
-def test_how_far_the_untouched_reading_wandered_is_told_and_too_few_samples_are_refused() -> None:
-    warmer = BIAS + np.array([0, 0, 0.15, 0, 0, 0])
-    with TaredWrenchSource(Played([*noisy(101, BIAS), *noisy(101, BIAS, seed=1), *noisy(101, warmer)], 10.0)) as source:
-        near = source.measure_zero_drift(1.0)
-        assert not near.exceeds_limit and "no need" in near.sentence and near.since_s == pytest.approx(1.01)
-        far = source.measure_zero_drift()
-        assert far.since_s == pytest.approx(1.52) and far.error == pytest.approx(
-            source.tare.deviation * np.sqrt(1 / 51 + 1 / 101)
-        )
-        assert (far.limit_n, far.limit_nm) == (0.1, 0.005)
-        assert far.exceeds_limit and far.six[2] == pytest.approx(0.15, abs=0.02) and "; tare again" in far.sentence
-    with pytest.raises(TareRefused, match="expected 8 samples"), TaredWrenchSource(Played(noisy(10), 400.0)):
-        pass
 
 
 def test_the_mount_turns_what_the_device_feels_into_what_the_object_does_to_the_skin() -> None:
@@ -263,20 +219,6 @@ def test_a_wrench_on_the_skin_is_found_from_what_any_mounted_device_feels_and_th
     assert felt.six == pytest.approx(felt_about(np.zeros(3)).six, abs=1e-9) and felt.about_mm.tolist() == [0, 0, 0]
 
 
-def test_measured_is_all_of_them_in_order() -> None:
-    mount = ForceTorqueMount(rotation_deg=(0.0, 0.0, 90.0))
-    pressed = BIAS + np.array([2.0, 0, -3.0, 0, 0, 0])
-    played = Played([*noisy(1001, BIAS), *noisy(50, pressed), np.array([0, 0, -30, 0, 0, 0]), *noisy(50, pressed)])
-    settings = CheckAndTareSettings(SampleCheckSettings(range_n=(30, 30, 30)))
-    with build_wrench_source(played, mount, lambda loss: None, settings=settings) as source:
-        wrenches = [source.read() for _ in range(50)]
-        with pytest.raises(WrenchSaturated):  # judged by what the device measured, not by what the tare leaves
-            source.read()
-        wrenches += [source.read() for _ in range(50)]
-    assert np.mean([wrench.force_n for wrench in wrenches], axis=0) == pytest.approx([0, 2, -3], abs=0.02)
-    assert wrenches[0].about_mm.tolist() == [0, 0, -35]
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.995, 1.005), st.integers(0, 2**32 - 1), st.integers(1, 16), st.integers(0, 10**6))
 def test_stamps_follow_the_device_through_bundles_wraps_and_a_clock_that_is_off(rate, begin_us, bundle, seed) -> None:
@@ -294,21 +236,7 @@ def test_stamps_follow_the_device_through_bundles_wraps_and_a_clock_that_is_off(
     assert restarted == arrived[-1] + 5 * MS
 
 
-def test_numbers_that_never_arrived_are_counted_over_the_wrap() -> None:
-    numbering = MissingSampleCounter(16)
-    assert [numbering.count_missing(number) for number in (65_533, 65_534, 2, 3, 0, 1)] == [0, 0, 3, 0, 0, 0]
-
-
 @pytest.mark.parametrize(("repeats", "frozen"), [(4, False), (5, True)])
 def test_five_repeats_are_a_frozen_reading_of_a_slow_device(repeats: int, frozen: bool) -> None:
     told = heard(CheckedWrenchSource(Played([BIAS, *[BIAS] * repeats], 100.0)))
     assert told == ["."] * (repeats + 1 - frozen) + ["WrenchFrozen"] * frozen
-
-
-def test_the_zero_has_drifted_beyond_its_limit_and_three_deviations() -> None:
-    drift = ZeroDrift(np.array([0, 0, 0.129, 0, 0, 0]), np.array([0.01] * 3 + [1e-4] * 3), 120.0, 0.1, 0.005)
-    assert not drift.exceeds_limit
-    assert not replace(drift, six=np.array([0, 0, 0, -0.0052, 0, 0])).exceeds_limit
-    assert replace(drift, six=np.array([0, 0, -0.131, 0, 0, 0])).exceeds_limit
-    bent = replace(drift, six=np.array([0, 0, 0, 0.0054, 0, 0]))
-    assert bent.exceeds_limit and "(5.4, 0.0, 0.0) N·mm" in bent.sentence and "; tare again" in bent.sentence

@@ -14,8 +14,7 @@ from tyro.conf import Suppress, arg
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import SensingArea, SensorDesign
-from ninedtact.errors import InputError
-from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
+from ninedtact_train.collecting.training_pair_rule import PairKindShares, SamplingRuleSettings
 from ninedtact_train.population.mechanics_shares import NonidealMechanicsShares
 
 if TYPE_CHECKING:
@@ -75,25 +74,6 @@ class PressSettings:
         scale = np.divide(area_mm, _PUBLISHED_AREA_MM)
         x, y = np.clip(rng.normal(0, self.position_spread_mm * scale), -max_offset_mm, max_offset_mm).tolist()
         return x, y
-
-
-@dataclass(frozen=True)
-class PairKindShares:
-    """The shares of pairs without contact and with a light touch, which the paper's sampling rule would not collect."""
-
-    no_contact: Annotated[float, Meta(ge=0)] = 0.03
-    """Share of pairs in which nothing touches and the wrench is zero."""
-    light_touch: Annotated[float, Meta(ge=0)] = 0.05
-    """Share of pairs whose load is below that of a light touch."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self, "shares")
-        if self.no_contact + self.light_touch > 1:
-            raise InputError(
-                expected="shares that are together at most 1",
-                got=f"{self.no_contact} without contact and {self.light_touch} touching lightly",
-                remedy="correct them",
-            )
 
 
 @dataclass(frozen=True)

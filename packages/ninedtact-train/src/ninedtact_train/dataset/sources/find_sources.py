@@ -2,13 +2,14 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import chain, count
 from pathlib import Path
 
 from ninedtact.errors import InputError
-from ninedtact_train.dataset.schema import escape_invalid_utf8
+from ninedtact_train.dataset.parquet_files import escape_invalid_utf8
 from ninedtact_train.dataset.sources.htt_episodes import EPISODE_SUFFIX, TactileTransformerSource
 from ninedtact_train.dataset.sources.original_9dtact import OriginalDatasetSource, find_original_dataset
-from ninedtact_train.dataset.sources.recordings_and_datasets import (
+from ninedtact_train.dataset.sources.own_formats import (
     RECORDING_SUFFIX,
     ExistingDatasetSource,
     RecordingsSource,
@@ -53,7 +54,6 @@ def _require_effect(conventions: SourceConventions, sources: Sequence[Source]) -
 
 
 def _open_source(name: str, path: Path, conventions: SourceConventions, several: bool) -> Source:
-    """Return the source at a path; raises `InputError`."""
     if not path.exists():
         raise InputError(expected=f"a source at {path}", got="nothing there", remedy="check the path")
     if find_original_dataset(path):
@@ -68,7 +68,6 @@ def _open_source(name: str, path: Path, conventions: SourceConventions, several:
 
 
 def _contains_suffix(path: Path, suffix: str) -> bool:
-    """Return whether the path is a file with this suffix, or a folder with one."""
     return path.suffix == suffix if path.is_file() else any(path.rglob(f"*{suffix}"))
 
 
@@ -76,25 +75,18 @@ def _give_different_names(arguments: Sequence[str]) -> Iterator[tuple[str, Path]
     """Yield paths with different names; raises `InputError` if one name was given twice."""
     given = [_split_argument(argument) for argument in arguments]
     given_names = [name for name, _ in given if name]
-    repeated = [name for name, count in Counter(given_names).items() if count > 1]
+    repeated = [name for name, times in Counter(given_names).items() if times > 1]
     if repeated:
         raise InputError(
             expected="names of sources to differ", got=f"{repeated[0]!r} more than once", remedy="change one"
         )
     taken = set(given_names)
     for name, path in given:
-        own = name or next(free for free in _numbered_names(path.resolve().stem or "source") if free not in taken)
+        stem = path.resolve().stem or "source"
+        numbered = chain([stem], (f"{stem}-{number}" for number in count(2)))
+        own = name or next(free for free in numbered if free not in taken)
         taken.add(own)
         yield escape_invalid_utf8(own), path
-
-
-def _numbered_names(stem: str) -> Iterator[str]:
-    """Yield the stem, stem-2, stem-3 and so on."""
-    yield stem
-    number = 2
-    while True:
-        yield f"{stem}-{number}"
-        number += 1
 
 
 def _split_argument(argument: str) -> tuple[str, Path]:

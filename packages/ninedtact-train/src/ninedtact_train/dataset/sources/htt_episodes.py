@@ -140,7 +140,7 @@ class _EpisodePart(SourcePart):
         return DatasetRow(
             id=f"{self.source}/{self.name}/{step:05d}",
             image=encode_png(_rgb_to_grey(image)),
-            reference_id=reference.id,
+            reference_id=reference.reference_id,
             wrench=wrench,
             object=f"{self.source}/{probe}",
             contact_id=f"{self.source}/{self.name}",

@@ -21,9 +21,9 @@ from numpy import ndarray as Array
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.capture.frame_source import natural_sort_key
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image
+from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError, InputError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels
-from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
 from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.parquet_files import encode_png
@@ -33,7 +33,7 @@ from ninedtact_train.dataset.sources.source import Source, SourceConventions, So
 _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
 _NORM_SUFFIX = "_norm"
 _PAIRS_PER_PART = 500
-_USUAL_ORIGIN_MM = (0.0, 0.0, -FORCE_TORQUE_BELOW_SKIN_MM)
+_USUAL_ORIGIN_MM = ForceTorqueMount().origin_mm
 _NORM_TOLERANCE = 1e-5
 
 _GreyImage = UInt8[Array, "rows cols"]
@@ -94,7 +94,7 @@ class _PairFiles:
         yield DatasetRow(
             id=name,
             image=encode_png(grey),
-            reference_id=reference.id if reference else None,
+            reference_id=reference.reference_id if reference else None,
             wrench=conventions.wrench_about_skin(measured, _USUAL_ORIGIN_MM),
             object=f"{source}/{self.object}",
             contact_id=f"{source}/{self.object}",
@@ -158,7 +158,6 @@ def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
 
 
 def _read_grey_image(path: Path) -> _GreyImage:
-    """Return an image file as grey levels; raises `FileFormatError`."""
     return to_whole_grey_levels(read_image(path), 1.0).grey.astype(np.uint8)
 
 
@@ -170,34 +169,25 @@ def _make_reference(grey: _GreyImage, source: str, sensor: str) -> ReferenceImag
 
 @dataclass(frozen=True)
 class _PairsPart(SourcePart):
-    """Some hundred pairs of the folder."""
+    """Some hundred pairs of the folder, or its files that belong to no pair."""
 
-    pairs: tuple[_PairFiles, ...]
     conventions: SourceConventions
+    pairs: tuple[_PairFiles, ...] = ()
+    stray: tuple[str, ...] = ()
 
     def items(self) -> Iterator[SourceItem]:
-        """Yield the pairs, and every reference image once before the first pair that names it."""
+        """Yield the pairs, every reference image once before the first pair that names it, and a rejection for stray files."""
         known: set[str] = set()
         path, sensor = self.conventions.reference, self.conventions.sensor_name or self.source
         given = _make_reference(_read_grey_image(path), self.source, sensor) if path else None
         for pair in self.pairs:
             for item in pair.items(self.source, self.conventions, given):
                 if isinstance(item, ReferenceImage):
-                    if item.id in known:
+                    if item.reference_id in known:
                         continue
-                    known.add(item.id)
+                    known.add(item.reference_id)
                 yield item
-
-
-@dataclass(frozen=True)
-class _StrayFilesPart(SourcePart):
-    """Files in the folders of pairs that belong to no pair."""
-
-    files: tuple[str, ...]
-
-    def items(self) -> Iterator[SourceItem]:
-        """Yield a rejection for every file."""
-        for name in self.files:
+        for name in self.stray:
             message = f"{name} is neither <object>/<n>.png nor <object>/<n>.npy"
             yield RejectedItem(PairFault.UNREADABLE, f"{self.source}/{name}", message)
 
@@ -235,9 +225,9 @@ class OriginalDatasetSource(Source):
             )
         cuts = range(0, len(pairs), _PAIRS_PER_PART)
         parts: list[SourcePart] = [
-            _PairsPart(self.name, tuple(pairs[at : at + _PAIRS_PER_PART]), self.conventions) for at in cuts
+            _PairsPart(self.name, self.conventions, tuple(pairs[at : at + _PAIRS_PER_PART])) for at in cuts
         ]
-        return [*parts, _StrayFilesPart(self.name, tuple(stray))] if stray else parts
+        return [*parts, _PairsPart(self.name, self.conventions, stray=tuple(stray))] if stray else parts
 
     @property
     def root(self) -> Path:

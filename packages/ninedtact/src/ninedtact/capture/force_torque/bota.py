@@ -20,9 +20,6 @@ from ninedtact.capture.force_torque.driver_source import (
 )
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
-    WrenchFaulty,
-    WrenchSampleRejected,
-    WrenchSaturated,
     WrenchSensorLost,
 )
 from ninedtact.errors import DeviceError
@@ -102,9 +99,10 @@ class BotaDriver(ForceTorqueDriver):
         self._number += max(round(counter_step(self._last_us, frame.timestamp, _CLOCK_BITS) / self._period_us), 1)
         self._last_us = frame.timestamp
         six = np.array([*frame.force, *frame.torque], float)
-        return ForceTorqueSample(
-            six, self._clock.stamp_ns(frame.timestamp, arrived_ns), self._number, self._flaw(frame.status)
-        )
+        stamp_ns, status = self._clock.stamp_ns(frame.timestamp, arrived_ns), frame.status
+        word = "invalid" if status.invalid else "raw, not calibrated" if status.raw else ""
+        fault = f"one that it calls {word}" if word else ""
+        return ForceTorqueSample(six, stamp_ns, self._number, bool(status.overrange), fault)
 
     def disconnect(self) -> None:
         """Stop and release the sensor."""
@@ -112,15 +110,3 @@ class BotaDriver(ForceTorqueDriver):
         self._driver.cleanup()
         self._driver.shutdown()
         self._driver = None
-
-    def _flaw(self, status: Any) -> WrenchSampleRejected | None:
-        if status.overrange:
-            return WrenchSaturated(
-                expected=f"a load that {self.name} can measure", got="its overrange flag", remedy="press less"
-            )
-        if status.invalid or status.raw:
-            word = "invalid" if status.invalid else "raw, not calibrated"
-            return WrenchFaulty(
-                expected=f"a usable sample from {self.name}", got=f"one that it calls {word}", remedy="check the device"
-            )
-        return None

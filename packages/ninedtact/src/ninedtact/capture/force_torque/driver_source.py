@@ -1,7 +1,7 @@
 """A force/torque sensor as a wrench source, and the `ForceTorqueDriver` interface that a device implements.
 
 A background thread receives from the driver, so that every sample is stamped when it arrives. `DeviceClock` removes the
-jitter of the transport from these stamps; `MissingSampleCounter` counts samples that never arrived.
+jitter of the transport from these stamps.
 """
 
 import time
@@ -16,7 +16,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceNotOpen
-from ninedtact.capture.wrench_source import WrenchFaulty, WrenchSampleRejected, WrenchSensorLost, WrenchSource
+from ninedtact.capture.wrench_source import WrenchFaulty, WrenchSaturated, WrenchSensorLost, WrenchSource
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
@@ -40,8 +40,10 @@ class ForceTorqueSample:
     """Time of arrival on the monotonic clock."""
     number: int | None = None
     """The number that the device gave the sample; None where it gives none."""
-    flaw: WrenchSampleRejected | None = None
-    """Why the sample must not be used, as far as the device reports it."""
+    is_saturated: bool = False
+    """Whether the device reports a load beyond its range."""
+    fault: str = ""
+    """Why else the sample must not be used, as far as the device reports it, and what to do: words that follow "got"."""
 
 
 class ForceTorqueDriver(ABC):
@@ -100,20 +102,6 @@ class DeviceClock:
         return self._last_stamp_ns
 
 
-class MissingSampleCounter:
-    """Counts the samples that a device numbered and that never arrived."""
-
-    def __init__(self, bits: int) -> None:
-        self._bits = bits
-        self._last: int | None = None
-
-    def count_missing(self, number: int) -> int:
-        """Return how many samples are missing between the last one and this; none when the device began to count anew."""
-        passed = 1 if self._last is None else counter_step(self._last, number, self._bits)
-        self._last = number
-        return max(passed - 1, 0)
-
-
 class DriverWrenchSource(WrenchSource):
     """A force/torque device that is read sample by sample: the load on its tool side, in its own frame about its own origin.
 
@@ -140,7 +128,7 @@ class DriverWrenchSource(WrenchSource):
             self._driver.connect()
             self._waiting.clear()
             self.dropped, self._error, self._closing = 0, None, Event()
-            self._counter = MissingSampleCounter(self._driver.number_bits)
+            self._last_number: int | None = None
             self._thread = Thread(target=self._listen, args=(self._closing,), name=f"listen {self.name}", daemon=True)
             self._thread.start()
             try:
@@ -158,8 +146,15 @@ class DriverWrenchSource(WrenchSource):
         with self._changed:
             self._wait_for_sample()
             sample = self._waiting.popleft()
-        if sample.flaw is not None:
-            raise sample.flaw
+        if sample.is_saturated:
+            raise WrenchSaturated(
+                expected=f"a load that {self.name} can measure", got="its mark of saturation", remedy="press less"
+            )
+        if sample.fault:
+            got, _, remedy = sample.fault.partition("; ")
+            raise WrenchFaulty(
+                expected=f"a usable sample from {self.name}", got=got, remedy=remedy or "check the device"
+            )
         if not np.isfinite(sample.six).all():
             raise WrenchFaulty(
                 expected=f"six numbers from {self.name}", got=f"{sample.six.tolist()}", remedy="check the device"
@@ -211,8 +206,10 @@ class DriverWrenchSource(WrenchSource):
 
     def _store(self, sample: ForceTorqueSample) -> None:
         with self._changed:
-            if sample.number is not None:
-                self.dropped += self._counter.count_missing(sample.number)
+            if sample.number is not None and self._last_number is not None:
+                # A step back is a device that began to count anew.
+                self.dropped += max(counter_step(self._last_number, sample.number, self._driver.number_bits) - 1, 0)
+            self._last_number = self._last_number if sample.number is None else sample.number
             self._waiting.append(sample)
             while sample.stamp_ns - self._waiting[0].stamp_ns > _BUFFERED_NS:
                 self._waiting.popleft()

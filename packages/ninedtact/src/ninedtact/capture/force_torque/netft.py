@@ -13,9 +13,6 @@ import numpy as np
 from ninedtact.capture.force_torque.driver_source import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
-    WrenchFaulty,
-    WrenchSampleRejected,
-    WrenchSaturated,
     WrenchSensorLost,
 )
 from ninedtact.errors import DeviceError, InputError
@@ -147,29 +144,14 @@ class NetFtDriver(ForceTorqueDriver):
 
     def _sample(self, record: "pynetft.ForceTorqueSample") -> ForceTorqueSample:
         force, torque = _N_PER_UNIT.get(record.force_unit), _NM_PER_UNIT.get(record.torque_unit)
-        flaw = self._flaw(record.status)
+        is_saturated, fault = bool(record.status & self._variant.saturated), ""
+        if record.status not in self._variant.harmless and not is_saturated:
+            fault = f"status {record.status:08x}; look it up in the device's manual, then switch it off and on"
         if force is None or torque is None:
-            units = f"{record.force_unit.value} and {record.torque_unit.value}"
-            flaw = WrenchFaulty(
-                expected=f"units of {self.name} that are known", got=f"{units}", remedy="set N and N-m on it"
-            )
+            is_saturated = False
+            fault = f"units {record.force_unit.value} and {record.torque_unit.value}; set N and N-m on it"
         six = np.concatenate([np.array(record.force) * (force or np.nan), np.array(record.torque) * (torque or np.nan)])
-        return ForceTorqueSample(six, record.received_at_ns, record.rdt_sequence, flaw)
-
-    def _flaw(self, status: int) -> WrenchSampleRejected | None:
-        if status in self._variant.harmless:
-            return None
-        if status & self._variant.saturated:
-            return WrenchSaturated(
-                expected=f"a load that {self.name} can measure",
-                got=f"saturation (status {status:08x})",
-                remedy="press less",
-            )
-        return WrenchFaulty(
-            expected=f"status 0 from {self.name}",
-            got=f"{status:08x}",
-            remedy="look it up in the device's manual, then switch it off and on",
-        )
+        return ForceTorqueSample(six, record.received_at_ns, record.rdt_sequence, is_saturated, fault)
 
 
 def _parse_host(address: str) -> tuple[str, int]:

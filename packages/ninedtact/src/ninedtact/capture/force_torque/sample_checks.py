@@ -87,7 +87,6 @@ class CheckedWrenchSource(WrenchSourceWrapper):
         return wrench
 
     def _require_within_range(self, wrench: Wrench) -> None:
-        """Raise `WrenchSaturated` for a sample near the end of the range."""
         excess = np.abs(wrench.six) / self._limits
         worst = int(excess.argmax())
         if excess[worst] >= 1:
@@ -98,7 +97,6 @@ class CheckedWrenchSource(WrenchSourceWrapper):
             )
 
     def _require_change(self, wrench: Wrench) -> None:
-        """Raise `WrenchFrozen` for a sample that has repeated for too long."""
         if self._repeated is None or not np.array_equal(wrench.six, self._repeated.six):
             self._repeated, self._repeats = wrench, 0
             return

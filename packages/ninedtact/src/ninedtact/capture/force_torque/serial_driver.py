@@ -32,9 +32,6 @@ from ninedtact.capture.force_torque.driver_source import (
 )
 from ninedtact.capture.wrench_source import (
     ForceTorqueLibraryMissing,
-    WrenchFaulty,
-    WrenchSampleRejected,
-    WrenchSaturated,
     WrenchSensorLost,
 )
 from ninedtact.errors import DeviceError, InputError
@@ -177,15 +174,6 @@ class SerialPortDriver(ForceTorqueDriver):
 
     def _sample(self, frame: SerialFrame, arrived_ns: int) -> ForceTorqueSample:
         stamp_ns = self._clock.stamp_ns(frame.device_us, arrived_ns)
-        return ForceTorqueSample(np.array(frame.six, float), stamp_ns, frame.number, self._flaw(frame.flags))
-
-    def _flaw(self, flags: int) -> WrenchSampleRejected | None:
-        if flags & _SATURATED:
-            return WrenchSaturated(
-                expected=f"a load that {self.name} can measure", got="its saturation flag", remedy="press less"
-            )
-        if flags & _DO_NOT_USE:
-            return WrenchFaulty(
-                expected=f"a usable sample from {self.name}", got="its fault flag", remedy="check the device"
-            )
-        return None
+        fault = "its fault flag" if frame.flags & _DO_NOT_USE else ""
+        is_saturated = bool(frame.flags & _SATURATED)
+        return ForceTorqueSample(np.array(frame.six, float), stamp_ns, frame.number, is_saturated, fault)

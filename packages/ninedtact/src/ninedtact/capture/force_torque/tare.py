@@ -1,22 +1,15 @@
-"""The tare of a force/torque sensor: its reading without contact, which consists of weights on it and of its bias.
-
-`TaredWrenchSource` subtracts the tare; `ZeroDrift` states how far the zero has moved since, because the bias drifts with
-temperature.
-"""
+"""The tare of a force/torque sensor: its reading without contact, which consists of weights on it and of its bias."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from threading import Lock
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.capture.wrench_source import WrenchSource, WrenchSourceWrapper
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
-_NS_PER_S = 1_000_000_000
 _TARE_QUARTERS = 4
 _SPREAD_SIGMAS = 7.0
 """Spread of the means of a tare's quarters, in standard deviations, that a tare at rest exceeds once in ten thousand tares."""
@@ -30,16 +23,13 @@ class TareRefused(DeviceError):
 
 @dataclass(frozen=True)
 class TareSettings:
-    """How the reading without contact is measured, and how far it may move."""
+    """How the reading without contact is measured."""
 
     seconds: float = 1.0
     least_samples: int = 8
     still_n: float = 0.05
     """How far the force may move within a tare, beyond what its noise explains."""
     still_nm: float = 0.002
-    drift_limit_n: float = 0.1
-    """How far the zero may have moved since the tare before a new tare is advised."""
-    drift_limit_nm: float = 0.005
 
 
 @dataclass(frozen=True)
@@ -50,119 +40,6 @@ class Tare:
     """Mean reading, N and N·m, in the order of `Wrench.six`."""
     deviation: Float64[Array, "6"]
     """Standard deviation of one sample."""
-    samples: int
-    seconds: float
-    stamp_ns: int
-    """Stamp of the last sample."""
-
-    @property
-    def sentence(self) -> str:
-        """The tare as a sentence for a person."""
-        force_n, torque_nmm = self.deviation[:3], 1e3 * self.deviation[3:]
-        return (
-            f"tared over {self.seconds:.1f} s, {self.samples} samples; noise of one sample "
-            f"{_format_vector(force_n, 3)} N, {_format_vector(torque_nmm, 2)} N·mm"
-        )
-
-
-@dataclass(frozen=True)
-class ZeroDrift:
-    """How far the reading without contact has moved since the tare, through temperature or strain."""
-
-    six: Float64[Array, "6"]
-    error: Float64[Array, "6"]
-    """Standard deviation of `six` from the noise of the samples."""
-    since_s: float
-    limit_n: float
-    limit_nm: float
-
-    @property
-    def exceeds_limit(self) -> bool:
-        """Whether a new tare is advised: the drift is beyond the limit, and noise does not explain it."""
-        limits = np.repeat([self.limit_n, self.limit_nm], 3)
-        return bool((np.abs(self.six) > limits + 3 * self.error).any())
-
-    @property
-    def sentence(self) -> str:
-        """The drift as a sentence for a person."""
-        advice = "tare again" if self.exceeds_limit else "no need to tare"
-        return (
-            f"without contact, the reading has drifted by {_format_vector(self.six[:3], 3)} N, "
-            f"{_format_vector(1e3 * self.six[3:], 1)} N·mm in "
-            f"{self.since_s / 60:.0f} min since the tare (limits {self.limit_n:g} N, {1e3 * self.limit_nm:g} N·mm); {advice}"
-        )
-
-
-class TaredWrenchSource(WrenchSourceWrapper):
-    """Wraps a source and subtracts its tare, which is taken at each opening and whenever `take_tare` is called."""
-
-    tare: Tare
-    """The last tare that was taken."""
-
-    def __init__(self, source: WrenchSource, settings: TareSettings = TareSettings()) -> None:
-        super().__init__(source)
-        self._settings = settings
-        self._reading, self._is_open = Lock(), False
-
-    def open(self) -> None:
-        """Open the source and take a tare; raises `TareRefused` and what the source raises."""
-        if self._is_open:
-            return
-        with self._reading:
-            self._source.open()
-            try:
-                self.tare = self._measure_tare()
-            except BaseException:
-                self._source.close()
-                raise
-        self._is_open = True
-
-    def read(self) -> Wrench:
-        """Return the next sample minus the tare; raises what the source raises."""
-        with self._reading:
-            wrench = self._source.read()
-            mean = self.tare.mean
-        return replace(wrench, force_n=wrench.force_n - mean[:3], torque_nm=wrench.torque_nm - mean[3:])
-
-    def take_tare(self) -> Tare:
-        """Take a new tare while no other thread reads; raises `TareRefused` and keeps the last tare."""
-        with self._reading:
-            self.tare = self._measure_tare()
-        return self.tare
-
-    def _measure_tare(self) -> Tare:
-        return compute_tare(_collect_samples(self._source, self._settings.seconds), self._settings)
-
-    def measure_zero_drift(self, seconds: float = 0.5) -> ZeroDrift:
-        """Return how far the zero has moved since the tare; nothing may touch the skin meanwhile."""
-        with self._reading:
-            wrenches = _collect_samples(self._source, seconds)
-        return self._zero_drift([wrench.six - self.tare.mean for wrench in wrenches], wrenches[-1].stamp_ns)
-
-    def _zero_drift(self, without_contact: Sequence[Float64[Array, "6"]], stamp_ns: int) -> ZeroDrift:
-        """Return the drift from tared samples that were taken without contact; the last one has this stamp."""
-        since_s = (stamp_ns - self.tare.stamp_ns) / _NS_PER_S
-        error = self.tare.deviation * np.sqrt(1 / len(without_contact) + 1 / self.tare.samples)
-        return ZeroDrift(
-            np.mean(without_contact, axis=0),
-            error,
-            since_s,
-            self._settings.drift_limit_n,
-            self._settings.drift_limit_nm,
-        )
-
-    def close(self) -> None:
-        """Close the source that this one wraps."""
-        self._is_open = False
-        self._source.close()
-
-
-def _collect_samples(source: WrenchSource, seconds: float) -> list[Wrench]:
-    """Return the samples that an open source delivers in this time, measured by their stamps."""
-    wrenches = [source.read()]
-    while wrenches[-1].stamp_ns - wrenches[0].stamp_ns < seconds * _NS_PER_S:
-        wrenches.append(source.read())
-    return wrenches
 
 
 def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
@@ -187,10 +64,8 @@ def compute_tare(wrenches: Sequence[Wrench], settings: TareSettings) -> Tare:
             got=f"one that moved by {_format_vector(spread[:3], 3)} N, {_format_vector(1000.0 * spread[3:], 1)} N·mm",
             remedy="take the hand away and tare again",
         )
-    seconds = (wrenches[-1].stamp_ns - wrenches[0].stamp_ns) / _NS_PER_S
-    return Tare(six.mean(axis=0), six.std(axis=0, ddof=1), len(six), seconds, wrenches[-1].stamp_ns)
+    return Tare(six.mean(axis=0), six.std(axis=0, ddof=1))
 
 
 def _format_vector(three: Float64[Array, "3"], decimals: int) -> str:
-    """Return three numbers in parentheses."""
     return "(" + ", ".join(f"{number:.{decimals}f}" for number in three) + ")"

@@ -1,7 +1,7 @@
 """The pipeline from the address of a force/torque sensor to the wrench that the object applies to the skin, in the sensor frame.
 
-`DRIVERS` lists the devices by the word before the colon. `build_wrench_source` chains the wrappers: reconnection, sample
-checks, frame conversion, tare.
+`DRIVERS` lists the devices by the word before the colon. `untared_wrench_source_for` chains the wrappers: reconnection, rejection
+of samples, frame conversion.
 
 Frame conversion: a device under the tactile sensor measures what the object applies to the skin, plus the weight between them,
 which a tare removes. With R its rotation, o the origin of its frame (`design.ForceTorqueMount`), and s = −1 for a device that
@@ -10,7 +10,7 @@ the torque from there to the skin centre.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float64
@@ -19,15 +19,10 @@ from numpy import ndarray as Array
 from ninedtact.capture.force_torque.bota import BotaDriver
 from ninedtact.capture.force_torque.driver_source import DriverWrenchSource, ForceTorqueDriver
 from ninedtact.capture.force_torque.netft import NetFtDriver
-from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings, SkippingWrenchSource
+from ninedtact.capture.force_torque.sample_checks import SkippingWrenchSource
 from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
-from ninedtact.capture.force_torque.tare import TaredWrenchSource, TareSettings
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-from ninedtact.capture.wrench_source import (
-    WrenchSensorLost,
-    WrenchSource,
-    WrenchSourceWrapper,
-)
+from ninedtact.capture.wrench_source import WrenchSource, WrenchSourceWrapper
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
@@ -107,26 +102,6 @@ def _mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
         about[other, one], about[one, other] = np.sin(angle), -np.sin(angle)
         matrix = about @ matrix
     return matrix
-
-
-@dataclass(frozen=True)
-class CheckAndTareSettings:
-    """Which samples are rejected, and how the tare is taken."""
-
-    checks: SampleCheckSettings = SampleCheckSettings()
-    tare: TareSettings = TareSettings()
-
-
-def build_wrench_source(
-    device: WrenchSource,
-    mount: ForceTorqueMount,
-    on_lost: Callable[[WrenchSensorLost], None],
-    on_back: Callable[[], None] = lambda: None,
-    settings: CheckAndTareSettings = CheckAndTareSettings(),
-) -> TaredWrenchSource:
-    """Return the wrench that the object applies to the skin, in the sensor frame: checked, tared on opening, reopened when lost."""
-    checked = CheckedWrenchSource(ReconnectingWrenchSource(device, on_lost, on_back), settings.checks)
-    return TaredWrenchSource(MountedWrenchSource(checked, mount), settings.tare)
 
 
 def untared_wrench_source_for(address: str, mount: ForceTorqueMount, notify: Callable[[str], None]) -> WrenchSource:

@@ -22,10 +22,11 @@ from ninedtact.force.out_of_distribution import StatisticRange, in_distribution_
 from ninedtact.quantities import NO_OBJECT
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
-from ninedtact_train.training.examples import BatchDataset, TrainingExamples, move_examples_to_torque_point
+from ninedtact_train.training.augmentation import augment_batch
+from ninedtact_train.training.examples import BatchDataset, TrainingExamples, move_torques_from_skin_centre
 from ninedtact_train.training.networks import WrenchNetwork
 from ninedtact_train.training.settings import TrainingSettings
-from ninedtact_train.training.training_module import MetricsHistory
+from ninedtact_train.training.training_loop import TrainingHistory
 
 _SHARES = (0.5, 0.9)
 LAPLACE_QUANTILES = -np.log1p(-np.array(_SHARES))
@@ -65,7 +66,6 @@ def _fit_axis_correction(absolute_error: Float64[Array, " n"], scale: Float64[Ar
 def _error_quantiles(
     absolute_error: Float64[Array, " n"], scale: Float64[Array, " n"], power: float
 ) -> Float64[Array, "2"]:
-    """Return the quantiles of errors divided by scales to this power."""
     return np.maximum(np.quantile(absolute_error / scale**power, _SHARES), 1e-12)
 
 
@@ -75,7 +75,6 @@ class TrainedNetwork:
 
     network: WrenchNetwork
     examples: TrainingExamples
-    """Examples with torques about the settings' point."""
     rows: SplitRows
     settings: TrainingSettings
 
@@ -83,7 +82,8 @@ class TrainedNetwork:
         """Set the network's gain and power so that its intervals cover what they claim on the held-out pairs."""
         found, unit = self._predict(self.rows.test), self.network.unit.double().cpu().numpy()
         if np.isfinite(found.scale).all():
-            absolute_error = np.abs(found.wrench - self.examples.labels[self.rows.test]) / unit
+            labels = move_torques_from_skin_centre(self.examples.labels[self.rows.test], self.settings.about_mm)
+            absolute_error = np.abs(found.wrench - labels) / unit
             corrections = fit_error_scale_correction(absolute_error, found.scale / unit)
             for parameter, values in zip((self.network.gain, self.network.power), corrections, strict=True):
                 parameter.copy_(torch.from_numpy(values))
@@ -92,22 +92,20 @@ class TrainedNetwork:
         """Evaluate the network on the held-out pairs, torques about the skin's centre."""
         test = self.rows.test
         found = move_prediction_to_skin_centre(self._predict(test), self.settings.about_mm)
-        examples = self._examples_at_skin_centre
+        examples = self.examples
         truth = np.asarray(examples.wrench[test], np.float64)
         known = 0.0 if examples.physics is None else np.asarray(examples.physics[test], np.float64)
         std = STD_PER_LAPLACE_SCALE * found.scale if np.isfinite(found.scale).all() else None
-        objects, sensors = (
-            np.asarray(names)[test].tolist() for names in (self.examples.objects, self.examples.sensors)
-        )
+        objects, sensors = (np.asarray(names)[test].tolist() for names in (examples.objects, examples.sensors))
         return evaluate_predictions(
             WrenchPredictions(
                 truth, found.wrench + known, std, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0)
             )
         )
 
-    def build_card(self, evaluation: WrenchEvaluation, history: MetricsHistory, name: str, licence: str) -> ModelCard:
+    def build_card(self, evaluation: WrenchEvaluation, history: TrainingHistory, name: str, licence: str) -> ModelCard:
         """Return the model card with ranges, input statistics, training summary and validation scores."""
-        wrench = self._examples_at_skin_centre.wrench[self.rows.train].astype(float)
+        wrench = self.examples.wrench[self.rows.train].astype(float)
         figures = {key: value for key, value in evaluation.to_json_dict().items() if key not in _KEYS_NOT_IN_CARD}
         return ModelCard(
             format=MODEL_FORMAT,
@@ -127,7 +125,7 @@ class TrainedNetwork:
     @property
     def median_mae(self) -> list[float]:
         """Mean absolute error by axis, N and N·m, of always predicting the median of the held-out wrenches."""
-        wrench = self.examples.wrench[self.rows.test]
+        wrench = move_torques_from_skin_centre(self.examples.wrench[self.rows.test], self.settings.about_mm)
         return np.maximum(np.abs(wrench - np.median(wrench, axis=0)).mean(0), 1e-12).tolist()
 
     def _predict(self, rows: Int[Array, " n"]) -> WrenchPrediction:
@@ -144,11 +142,10 @@ class TrainedNetwork:
         for at in range(0, len(rows), settings.batch):
             batch = BatchDataset(self.examples)[rows[at : at + settings.batch]].to(device).to_float()
             if augmented:
-                batch = settings.augmentation(batch, settings.input.mm_per_px, generator)
+                batch = augment_batch(settings.augmentation, batch, settings.input.mm_per_px, generator)
             yield batch.network_input(settings.input.channels)
 
-    def _summarise_training(self, history: MetricsHistory) -> TrainingProvenance:
-        """Return the card's summary of data, epochs, settings and versions."""
+    def _summarise_training(self, history: TrainingHistory) -> TrainingProvenance:
         kept = np.concatenate([self.rows.train, self.rows.test])
         return TrainingProvenance(
             pairs=len(self.rows.train),
@@ -172,9 +169,3 @@ class TrainedNetwork:
             for shown in self._network_inputs(chosen, augmented=True)
         ]
         return in_distribution_ranges({name: np.concatenate([one[name] for one in each]) for name in each[0]})
-
-    @property
-    def _examples_at_skin_centre(self) -> TrainingExamples:
-        """The examples with torques about the skin's centre."""
-        x, y, z = self.settings.about_mm
-        return move_examples_to_torque_point(self.examples, (-x, -y, -z))

@@ -38,7 +38,6 @@ class ReferenceImageDifference:
 
 
 def _block_means(image: UInt8[Array, "rows cols 3"]) -> Float32[Array, "_ _"]:
-    """Return the mean grey level of each block."""
     rows, cols = (max(side // _BLOCK_PX, 1) for side in image.shape[:2])
     small = cv2.resize(image.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
     return cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)

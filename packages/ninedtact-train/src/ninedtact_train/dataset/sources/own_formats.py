@@ -27,7 +27,7 @@ from ninedtact_train.collecting.collected_pairs import RecordedPair, TareReferen
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.folder import (
     REFERENCES_FILE,
-    DatasetFolder,
+    SENSOR_FOLDERS,
     find_pair_files,
     find_sensor_folders,
     read_dataset_settings,
@@ -184,7 +184,6 @@ class _FilePart(SourcePart):
             yield self._read_row(row)
 
     def _read_row(self, row: dict[str, Any]) -> DatasetRow | RejectedItem:
-        """Return one pair unchanged."""
         row_id, content, reference_id = (
             self._make_unique(row["id"]),
             stored_image_bytes(row["image"]),
@@ -250,7 +249,7 @@ class ExistingDatasetSource(Source):
         """Yield each sensor that was calibrated with the files of its folder."""
         from ninedtact.recording.reader import read_folder_files
 
-        for folder in find_sensor_folders(DatasetFolder(self.path).sensor_folders):
+        for folder in find_sensor_folders(self.path / SENSOR_FOLDERS):
             yield folder.name, read_folder_files(folder)
 
     def simulated_sensors(self) -> list[dict[str, Any]]:
@@ -259,7 +258,6 @@ class ExistingDatasetSource(Source):
 
     @cached_property
     def _settings(self) -> dict[str, Any]:
-        """The settings in the folder; raises `FileFormatError`."""
         return read_dataset_settings(self.path)
 
     @property

@@ -9,22 +9,26 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
-from ninedtact.quantities import NO_OBJECT, WRENCH_AXES
-from ninedtact.simulation.simulated_sources import FORCE_TORQUE_BELOW_SKIN_MM
-from ninedtact_train.dataset.fault_report import QualityReport
+from ninedtact.quantities import NO_OBJECT, WRENCH_AXES, Wrench
 from ninedtact_train.dataset.folder import REPORT_FILE
 from ninedtact_train.dataset.generation.settings import GenerationSettings
-from ninedtact_train.dataset.parquet_files import read_columns, wrench_array
-from ninedtact_train.dataset.schema import PAIR_COLUMNS, escape_invalid_utf8
-from ninedtact_train.dataset.sources.source import Source
+from ninedtact_train.dataset.parquet_files import escape_invalid_utf8, read_columns, wrench_array
+from ninedtact_train.dataset.schema import PAIR_COLUMNS
+
+if TYPE_CHECKING:
+    from ninedtact_train.dataset.fault_report import QualityReport
+    from ninedtact_train.dataset.sources.source import Source
 
 _RANKS = (5, 50, 95)
+_FORCE_SENSOR_MM = ForceTorqueMount().origin_mm
 REAL_PERCENTILES = np.array(
     [
         (-1.064, 0.146, 1.442),
@@ -64,12 +68,13 @@ class DatasetStatistics:
     @property
     def percentiles(self) -> dict[str, list[float]]:
         """Percentiles 5, 50 and 95 of every axis about the paper's force/torque sensor; raises `IndexError` without wrenches."""
-        return _by_axis(wrench_percentiles(self.rule_wrenches))
+        return dict(zip(WRENCH_AXES, wrench_percentiles(self.rule_wrenches).tolist(), strict=True))
 
     @property
     def differences_from_real_percentiles(self) -> dict[str, list[float]]:
         """Differences of the percentiles from the real ones, as parts of each axis's real span from 5 to 95."""
-        return _by_axis(differences_from_real_percentiles(wrench_percentiles(self.rule_wrenches)))
+        differences = differences_from_real_percentiles(wrench_percentiles(self.rule_wrenches))
+        return dict(zip(WRENCH_AXES, differences.tolist(), strict=True))
 
     def kind_counts_text(self) -> str:
         """Return the counts by kind as one phrase."""
@@ -84,7 +89,7 @@ class DatasetStatistics:
         errors_percent = 100 * differences_from_real_percentiles(found)
         pairs = "pairs by the rule" if "rule" in self.kinds else "pairs of all kinds"
         yield (
-            f"{len(self.rule_wrenches)} {pairs}, N and N·m about {FORCE_TORQUE_BELOW_SKIN_MM:g} mm below the skin; "
+            f"{len(self.rule_wrenches)} {pairs}, N and N·m about {-_FORCE_SENSOR_MM[2]:g} mm below the skin; "
             "percentiles 5, 50, 95:"
         )
         yield f"    {'this data set':28}{'real':28}difference, % of the real span"
@@ -103,11 +108,8 @@ def compute_dataset_statistics(pair_files: Sequence[Path]) -> DatasetStatistics:
     wrenches = wrenches[by_rule] if by_rule.any() else wrenches
     sensors, objects = ([name or "" for name in table[column].to_pylist()] for column in ("sensor", "object"))
     finite = wrenches[np.isfinite(wrenches).all(1)]
-    return DatasetStatistics(_count_names(kinds), _count_names(sensors), _count_names(objects), finite)
-
-
-def _count_names(names: Sequence[str]) -> dict[str, int]:
-    return dict(sorted(Counter(names).items()))
+    by_kind, by_sensor, by_object = (dict(sorted(Counter(names).items())) for names in (kinds, sensors, objects))
+    return DatasetStatistics(by_kind, by_sensor, by_object, finite)
 
 
 def wrench_percentiles(wrenches: _Wrenches) -> _Percentiles:
@@ -117,17 +119,12 @@ def wrench_percentiles(wrenches: _Wrenches) -> _Percentiles:
 
 def move_to_force_sensor(wrenches: _Wrenches) -> _Wrenches:
     """Return wrenches about the skin's centre as wrenches about the position of the paper's force/torque sensor."""
-    arm_m = np.array([0.0, 0.0, FORCE_TORQUE_BELOW_SKIN_MM / 1e3])
-    return np.concatenate([wrenches[:, :3], wrenches[:, 3:] + np.cross(arm_m, wrenches[:, :3])], axis=1)
+    return wrenches @ Wrench(np.zeros(3), np.zeros(3)).shift_matrix(np.array(_FORCE_SENSOR_MM)).T
 
 
 def differences_from_real_percentiles(found: _Percentiles) -> _Percentiles:
     """Return the differences from `REAL_PERCENTILES` as parts of each axis's real span from 5 to 95."""
     return (found - REAL_PERCENTILES) / (REAL_PERCENTILES[:, 2:] - REAL_PERCENTILES[:, :1])
-
-
-def _by_axis(values: _Percentiles) -> dict[str, list[float]]:
-    return dict(zip(WRENCH_AXES, values.tolist(), strict=True))
 
 
 _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
@@ -148,7 +145,11 @@ def require_licence_name(licence: str | None) -> None:
 
 
 def format_build_card(
-    statistics: DatasetStatistics, sources: Sequence[Source], licence: str | None, report: QualityReport, version: str
+    statistics: DatasetStatistics,
+    sources: "Sequence[Source]",
+    licence: str | None,
+    report: "QualityReport",
+    version: str,
 ) -> str:
     """Return the card of a data set that was built from sources."""
     lines = [
