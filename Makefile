@@ -41,13 +41,11 @@ CORE := packages/ninedtact
 # tests/test_types.py, which does what `make types` does.
 PYTEST := .venv/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 test: .venv/ready lint
-	$(PYTEST) --ignore $(CORE)/tests/mechanics
-	NINEDTACT_CHECK_MECHANICS=1 $(PYTEST) $(CORE)/tests/mechanics
+	$(PYTEST)
 
 # The first distribution alone.
 test-core: .venv/ready lint
-	$(PYTEST) $(CORE)/tests --ignore $(CORE)/tests/mechanics
-	NINEDTACT_CHECK_MECHANICS=1 $(PYTEST) $(CORE)/tests/mechanics
+	$(PYTEST) $(CORE)/tests
 
 # What a person does at the command line, with the lowest versions that pyproject.toml declares, and with newer interpreters. Each
 # runs in an environment of its own, without torch.

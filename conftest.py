@@ -1,8 +1,4 @@
-"""What all tests share. Shapes and types of annotated functions are checked while the tests run.
-
-The inner loops of the contact solvers take twice as long when they are checked. They are checked in the tests of `mechanics`, which
-run by themselves (`make test`), and unchecked in all others.
-"""
+"""What all tests share. Shapes and types of annotated functions are checked while the tests run, as tests/type_checker.py says."""
 
 import gc
 import os
@@ -15,18 +11,14 @@ for _library in ("OPENBLAS", "OMP"):
 
 import jaxtyping  # noqa: E402
 
-_PACKAGES = Path(__file__).parent / "packages"
-_UNCHECKED = set() if os.environ.get("NINEDTACT_CHECK_MECHANICS") else {"mechanics"}
-if not os.environ.get("JAXTYPING_DISABLE"):
-    from type_checker import check_calls, check_plain_arrays_faster
+from type_checker import begin_test, check_calls  # noqa: E402
 
-    check_plain_arrays_faster()
+_PACKAGES = Path(__file__).parent / "packages"
+if not os.environ.get("JAXTYPING_DISABLE"):
     jaxtyping.jaxtyped = check_calls  # type: ignore[assignment]
     jaxtyping.install_import_hook(
         sorted(
-            f"{path.parent.name}.{path.stem}"
-            for path in _PACKAGES.glob("*/src/*/*")
-            if path.stem not in _UNCHECKED and not path.stem.startswith("__")
+            f"{path.parent.name}.{path.stem}" for path in _PACKAGES.glob("*/src/*/*") if not path.stem.startswith("__")
         ),
         "type_checker.checked",
     )
@@ -45,22 +37,33 @@ from ninedtact.simulation.twin import default_twin  # noqa: E402
 _LONGEST_FILES = (
     "test_types.py",
     "test_model_journey.py",
-    "test_damaged_files.py",
     "test_benchmarks.py",
-    "test_export.py",
     "test_pressing_by_hand.py",
-    "test_calibration_page.py",
-    "test_recordings_on_page.py",
-    "test_train_command.py",
-    "test_sensor_folder.py",
-    "test_board.py",
-    "test_journeys.py",
-    "test_hardware_commands.py",
-    "test_recording_journeys.py",
+    "test_force_journeys.py",
+    "test_damaged_files.py",
     "test_examples.py",
+    "test_board.py",
+    "test_calibration_session.py",
+    "test_sensor_folder.py",
+    "test_calibration_page.py",
+    "test_force_calibration_page.py",
+    "test_recordings_on_page.py",
+    "test_twin_fit.py",
+    "test_train_command.py",
+    "test_recording_journeys.py",
+    "test_sensor_group.py",
+    "test_twin_journeys.py",
+    "test_hardware_commands.py",
+    "test_journeys.py",
+    "test_ball.py",
+    "test_export.py",
+    "test_one_press.py",
+    "test_docs.py",
+    "test_open_sensor.py",
     "test_rules.py",
 )
-"""Files that take a minute. They begin first, so that no worker is left with one at the end while the others have none."""
+"""Files that take half a minute or more. They begin first, so that no worker is left with one at the end while the others have
+none."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -75,6 +78,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for item in items:
             if "browser" in getattr(item, "fixturenames", ()):
                 item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+def pytest_runtest_setup() -> None:
+    begin_test()
 
 
 def pytest_collection_finish() -> None:

@@ -78,7 +78,7 @@ def fe_presses(
             calibrate_on_elements(member, next(one for one in read_presses(presses) if one.name == DEEPEST), folder)
         else:
             calibrate_twin(member, folder)
-    sensor = SensorFolder(Path(), calibrated("sensor_a").record) if quick else load_sensor(folder)
+    sensor = SensorFolder(Path(), calibrated("sensor_a", "physics").record) if quick else load_sensor(folder)
     share = sensor.record.twin.fit.parameters["finite_strain"]
     print(f"calibrated: {sensor.gel.thickness_mm:.3f} mm of gel, finite strain {share.value:.2f} ± {share.std:.2f}")
     estimator = build_estimator("physics", sensor.shape, replace(sensor.gel, shear_modulus_mpa=MODULUS_MPA))

@@ -111,7 +111,7 @@ def force_on_real_fits(
     uncalibrated = [(one.member, one.folder, wrong) for one in setups if not (one.folder / SENSOR_FILE).is_file()]
     if quick:
         uncalibrated = []
-        save_sensor(setups[0].folder, calibrated("sensor_a"))  # it is another sensor, but calibrated sooner
+        save_sensor(setups[0].folder, calibrated("sensor_a", "physics"))  # it is another sensor, but calibrated sooner
     for work, jobs in ((make_presses, new), (calibrate_twin, uncalibrated)):
         list(run_jobs(work, jobs, workers))
     for one in setups:

@@ -77,7 +77,7 @@ def page_interaction(moves: int = 60, quick: bool = False, json: bool = False) -
     """Press the twin through the page, and print how long it takes."""
     moves, watch_s = (2, 0.5) if quick else (moves, 5.0)
     with TemporaryDirectory() as path:
-        folder = save_sensor(Path(path) / "sensor_a", calibrated("sensor_a"))
+        folder = save_sensor(Path(path) / "sensor_a", calibrated("sensor_a", "physics"))
         took_ms, updates_hz, stage_ms = press_through_page(folder, moves, watch_s)
     answer("Pressing the twin through the page", figures(took_ms, updates_hz, stage_ms), json)
 

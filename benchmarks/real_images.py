@@ -40,7 +40,7 @@ def calibration_images(name: str) -> CalibrationImages:
 
 
 @cache
-def calibrated(name: str, method: DepthMethod = "physics") -> Calibration:
+def calibrated(name: str, method: DepthMethod) -> Calibration:
     """Return a sensor, calibrated from its four images once in a process."""
     return calibrate(calibration_images(name), settings=CalibrationSettings(method=method))
 

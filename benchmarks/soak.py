@@ -59,7 +59,7 @@ def soak(
     until_s = time.monotonic() + 60 * minutes
     found: list[Census] = []
     with TemporaryDirectory(prefix="soak_") as name:
-        folder, made = Path(name), calibrated("sensor_a")
+        folder, made = Path(name), calibrated("sensor_a", "physics")
         sensor = save_sensor(folder / "sensor", made)
         while time.monotonic() < until_s or len(found) < settled + 1:
             watch_page(sensor, CameraInMemory(vars(made.images), HZ), folder / "readings", images)

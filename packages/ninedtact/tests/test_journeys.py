@@ -48,7 +48,7 @@ def test_calibrate_prints_its_certificate(
 
     monkeypatch.setattr("sys.stderr.isatty", is_terminal)
     with threadpool_limits(2):
-        assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "s"), "--json"]) == 0
+        assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "s"), *QUICKLY, "--json"]) == 0
     out, progress = capsys.readouterr()
     assert all(word in progress for word in ("pins of the board", "image of the ball", "certificate"))
     assert progress.endswith("\r") and not progress.rpartition("\n")[2].split("\r")[-2].strip(), "the line is removed"
@@ -60,11 +60,8 @@ def test_calibrate_prints_its_certificate(
         and told["board"]["leave_one_out_rms_mm"] <= 0.8 * told["board"]["published_method_rms_mm"]
     )
     assert told["board"]["mm_per_px"] == pytest.approx(0.0515, abs=0.001)
-    assert told["ball"]["reconstruction_mae_mm"] <= 0.02 and told["ball"]["contact_radius_px"] == pytest.approx(
-        67, abs=1
-    )
-    assert told["ball"]["method"] == "physics" and told["warnings"] == []
-    assert told["result"] == "pass" and all(check["level"] == "pass" for check in told["checks"])
+    assert told["ball"]["method"] == "ratio" and told["ball"]["contact_radius_px"] == pytest.approx(67, abs=1)
+    assert told["warnings"] == [] and {check["level"] for check in told["checks"]} == {told["result"]} == {"pass"}
     assert {entry.name for entry in (tmp_path / "s").iterdir()} == {"sensor.toml", "images", "certificate.html"}
 
 
@@ -139,17 +136,6 @@ def recording_without_ball(guided_recording: Path) -> Path:
     return folder
 
 
-def test_guided_calibration_from_a_recording(
-    guided_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    options = ["--out", str(tmp_path / "s"), "--source", str(guided_recording), *QUICKLY]
-    assert main(["calibrate", *options, "--json"]) == 0
-    told = capsys.readouterr()
-    assert json.loads(told.out)["board"]["pins_found"] == 63
-    assert "Press the pin board" in told.err and "63 of 63 pins" in told.err
-    assert not (tmp_path / "s_images").exists()
-
-
 def test_images_of_a_guided_calibration_that_fails_are_kept(
     guided_recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -164,7 +150,9 @@ def test_images_of_a_guided_calibration_that_fails_are_kept(
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     kept = tmp_path / "s_images_2"
-    said = capsys.readouterr().err.strip().splitlines()
+    told = capsys.readouterr().err
+    assert "Press the pin board" in told and "63 of 63 pins" in told
+    said = told.strip().splitlines()
     assert f"the images are kept in {kept}; run the command with --images {kept}" in said[-2]
     assert "expected to write" in said[-1] and not out.exists()
     assert main([*guided[:-2], "--images", str(kept), "--json"]) == 0
@@ -228,14 +216,6 @@ def test_a_bad_image_is_one_sentence(
     assert main(calibrate_options(real_data / "sensor_a", tmp_path / "out", **{which: bad})) == 1
     refusal(capsys)
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("kind", [cv2.IMREAD_GRAYSCALE, "opaque alpha"])
-def test_grey_and_opaque_images_are_as_good(kind: object, real_data: Path, tmp_path: Path) -> None:
-    good = cv2.imread(str(real_data / "sensor_a" / "board.png"))
-    grey = cv2.cvtColor(good, cv2.COLOR_BGR2GRAY)
-    same = painted(tmp_path, cv2.cvtColor(good, cv2.COLOR_BGR2BGRA) if kind == "opaque alpha" else grey)
-    assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "out", board=same), *QUICKLY]) == 0
 
 
 def test_swapped_images_are_named(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -52,7 +52,7 @@ def test_a_killed_parent_leaves_no_workers(tmp_path: Path) -> None:
     until = monotonic() + 120
     while len(child_processes(job.pid)) < 3 and job.poll() is None and monotonic() < until:
         sleep(0.1)
-    sleep(5)  # both workers begin their first file, which takes them half a minute
+    sleep(1)  # both workers begin their first file, which takes them half a minute
     workers = child_processes(job.pid)
     assert len(workers) >= 3  # loky's tracker of resources is one of them
     job.send_signal(signal.SIGKILL)

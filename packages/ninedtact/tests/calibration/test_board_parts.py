@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,18 +9,12 @@ from known_sensor import LENS
 
 from ninedtact.calibration.board.board_fit import BoardFit, PublishedPinMap, build_rectification, calibrated_area_mm
 from ninedtact.calibration.board.detection import (
-    BoardCandidate,
-    BoardNotFound,
     DarkSpots,
-    PinLattice,
     detect_dark_spots,
-    find_board_candidate,
     find_pin_lattices,
     lattice_to_skin_mm,
-    predict_missing_pins,
 )
 from ninedtact.calibration.board.lens_fit import (
-    LensCorrectionFit,
     LensFit,
     fit_lens,
     fit_lens_with_terms,
@@ -35,7 +28,7 @@ from ninedtact.calibration.board.pin_imprint_centres import (
 )
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.shape.lens_and_rectification import CorrectedLensModel, LensModel, LensModelCorrection, central_mm_per_px
+from ninedtact.shape.lens_and_rectification import LensModel, central_mm_per_px
 
 RNG = np.random.default_rng(0)
 BOARD = PinBoard()
@@ -86,15 +79,6 @@ def test_a_lattice_grows_over_a_bent_grid_and_leaves_out_what_is_off_it() -> Non
     part = largest.window(3, 2)
     assert sorted(part.strength.tolist(), reverse=True) == [63**2, 62**2, 61**2, 54**2, 53**2, 52**2]
     assert part.nodes.min(axis=0).tolist() == [0, 0] and part.nodes.max(axis=0).tolist() == [2, 1]
-
-
-def test_a_missing_side_is_predicted_where_it_puts_the_board_into_the_middle() -> None:
-    seen = NODES[:, 0] < 8
-    points_px = STRAIGHT.to_px(POINTS_MM)
-    lattice = PinLattice(NODES[seen], points_px[seen], np.ones(56))
-    fit = fit_lens_with_terms(POINTS_MM, points_px, (480, 640), 1)
-    missing = predict_missing_pins(BoardCandidate(lattice, 0, fit), BOARD, points_px[seen], (480, 640))
-    np.testing.assert_allclose(missing, points_px[~seen], atol=0.01)
 
 
 def noisy_pins(noise_px: float, seed: int, lens: LensModel = LENS) -> np.ndarray:
@@ -212,38 +196,11 @@ def test_the_papers_way_needs_a_pin_in_the_middle(rows: int, cols: int, has_midd
             _ = pin_map.mm_per_px
 
 
-@pytest.mark.parametrize(("pins", "found"), [(9, True), (8, False)])
-def test_a_lens_needs_nine_pins(pins: int, found: bool) -> None:
-    y, x = np.mgrid[:100, :100]
-    places = list(product((30, 50, 70), repeat=2))[:pins]
-    image = -sum(5 * np.exp(-((x - a) ** 2 + (y - b) ** 2) / 2 / 3.0**2) for a, b in places).astype(np.float32)
-    candidate = find_board_candidate(image, PinBoard(3, 3), "auto")
-    assert (candidate is not None) == found
-
-
 def made_up(**parts: object) -> BoardFit:
     """The fit of a whole board through a lens without distortion."""
     points_px, change = STRAIGHT.to_px(POINTS_MM), np.zeros((480, 640), np.float32)
     lens_fit, every = fit_lens_with_terms(POINTS_MM, points_px, (480, 640), 1), np.ones(63)
     return replace(BoardFit(BOARD, 0, lens_fit, NODES, POINTS_MM, points_px, every > 0, every, 0.6, change), **parts)
-
-
-def test_the_refined_lens_and_the_correction_are_used_where_there_are_any() -> None:
-    correction = LensModelCorrection(POINTS_MM, np.full((63, 2), 0.1), 3.0)
-    refined = replace(STRAIGHT, homography=(0.05, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
-    plain, finer = made_up(), made_up(refined=refined)
-    corrected = made_up(correction=LensCorrectionFit(correction, np.full((63, 2), 0.07)))
-    assert plain.lens is plain.projection is plain.lens_fit.lens and finer.lens is finer.projection is refined
-    assert corrected.projection == CorrectedLensModel(corrected.lens, correction)
-    assert (plain.mm_per_px, finer.mm_per_px) == pytest.approx((0.05, 0.0625))
-    assert corrected.leave_one_out_errors_mm.max() == 0.07 and plain.leave_one_out_errors_mm.max() < 1e-6
-    assert plain.lens_of_kind("model") is plain and plain.lens_of_kind("paper") is plain.published_map
-
-
-def test_pins_that_are_missing_are_a_warning() -> None:
-    assert not made_up().warnings
-    (warning,) = made_up(found=(np.arange(63) > 0) & (np.arange(63) < 62)).warnings
-    assert "found 61 of 63 pins" in warning and "column 1, row 1; column 9, row 7" in warning
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(480, 640), (640, 480), (240, 320)])
@@ -253,9 +210,3 @@ def test_the_grid_has_the_scale_of_the_lens_at_the_size_of_the_design(rows: int,
     assert rectify.mm_per_px == pytest.approx(0.05 * max(rows, cols) / 640) and rectify.raw_shape == (rows, cols)
     assert rectify.calibrated_area_mm == calibrated_area_mm(design) == (-15.0, 15.0, -12.0, 12.0)
     np.testing.assert_allclose(rectify.source_px[172, [229, 230]].mean(axis=0), [319.5, 239.5], atol=1e-3)
-
-
-def test_a_drawing_is_named_in_the_same_error() -> None:
-    error = BoardNotFound("words", 3, 63, np.ones((3, 2)), np.zeros((4, 5), np.float32)).with_drawing(Path("drawn.png"))
-    assert str(error) == "words; what was detected is drawn in drawn.png"
-    assert (error.found_pins, error.expected_pins, error.detected_px.shape) == (3, 63, (3, 2))

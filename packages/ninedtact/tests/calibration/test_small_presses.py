@@ -26,7 +26,6 @@ from ninedtact.calibration.twin.lens_refinement import (
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
 from ninedtact.design import Gel, PinBoard, SensorDesign
-from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.lens_and_rectification import LensModel, Rectification
 from ninedtact.simulation.calibration_press_models import (
@@ -98,18 +97,6 @@ def as_drawn(problem: BallPressProblem, press: BallPressParameters = PRESS, loss
     correlation[2, 7] = correlation[7, 2] = 0.4
     uncertainty = FitUncertainty(90.0, deviations, correlation)
     return TwinFit(problem, press, coefficients, np.full(problem.observed.count, -2.0), uncertainty, 1.5)
-
-
-def test_a_ball_goes_down_in_steps_and_then_sideways() -> None:
-    assert PRESS.poses() == [
-        *(Pose(depth_mm=depth_mm) for depth_mm in (0.5, 1.0, 1.3)),
-        Pose(0.15, -0.1, 1.3),
-        Pose(0.3, -0.2, 1.3),
-    ]
-    straight = replace(PRESS, depth_mm=0.5, drag_x_mm=0.0, drag_y_mm=0.0)
-    assert straight.poses() == [Pose(depth_mm=0.5)]
-    assert len(replace(straight, drag_y_mm=-0.34).poses()) == 2
-    assert len(replace(straight, drag_y_mm=-0.36).poses()) == 3
 
 
 def test_the_predicted_ball_is_what_is_drawn(change: np.ndarray) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from ninedtact.calibration.ball.ball_fit import fit_ball
-from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
+from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball
+from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
@@ -60,12 +60,17 @@ def known_press(twin: Twin) -> Contact:
     return pressed(twin, Ball(4.0), Pose(0.5, 0.4, 1.8), (0.4, -0.2))
 
 
-def test_a_known_twin_is_found_again(twin: Twin, known_press: Contact, calibrated_a: Calibration) -> None:
-    before, after = (
-        calibrated_a.rectify(Frame(twin.renderer(contact, number)))
-        for number, contact in enumerate((None, known_press))
-    )
-    fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
+@pytest.fixture(scope="module")
+def fit_by_physics(twin: Twin, known_press: Contact, calibrated_a: Calibration) -> TwinBallFit:
+    """What the image of the known press tells."""
+    images = twin.renderer(None, 1), twin.renderer(known_press, 2)
+    fit = fit_ball(calibrated_a.rectify, *images, DESIGN)
+    assert isinstance(fit, TwinBallFit)
+    return fit
+
+
+def test_a_known_twin_is_found_again(fit_by_physics: TwinBallFit) -> None:
+    fit = fit_by_physics.twin_fit
     assert fit.press.depth_mm == pytest.approx(1.8, abs=0.03)
     assert fit.press.drag_mm == pytest.approx((0.4, -0.2), abs=0.03)
     assert fit.press.centre_mm == pytest.approx((0.5, 0.4), abs=0.02)
@@ -115,15 +120,13 @@ def test_the_twin_of_a_wide_sensor_has_its_skin(sensor_a: SensorFolder) -> None:
 
 
 @pytest.fixture(scope="module")
-def fits(real_images: dict[str, CalibrationImages]) -> dict[str, TwinFit]:
+def fits(real_images: dict[str, CalibrationImages], calibrated_a: Calibration) -> dict[str, TwinFit]:
     """The real presses of sensors A and I."""
-    found = {}
-    for letter in "ai":
-        images = real_images[letter]
-        rectify = build_rectification(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN)
-        before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
-        found[letter] = fit_twin_to_ball_press(press_in(before, after), DESIGN)
-    return found
+    images = real_images["i"]
+    rectify = build_rectification(fit_board(images.board_reference, images.board, DESIGN.pin_board), DESIGN)
+    before, after = (rectify(Frame(image)) for image in (images.ball_reference, images.ball))
+    assert calibrated_a.fits.twin is not None
+    return {"a": calibrated_a.fits.twin, "i": fit_twin_to_ball_press(press_in(before, after), DESIGN)}
 
 
 def test_real_presses_are_explained(fits: dict[str, TwinFit]) -> None:
@@ -146,25 +149,27 @@ def seen_mm(contact: Contact, rectify_shape: tuple[int, int], mm_per_px: float) 
 
 
 def test_physics_reads_another_ball_better_than_the_rule(
-    twin: Twin, known_press: Contact, calibrated_a: Calibration
+    twin: Twin, known_press: Contact, calibrated_a: Calibration, fit_by_physics: TwinBallFit
 ) -> None:
     rectify = calibrated_a.rectify
-    images = [twin.renderer(None, 1), twin.renderer(known_press, 2)]
+    by_rule = fit_ball(rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN, "ratio")
     before = rectify(Frame(twin.renderer(None, 3)))
     contact = pressed(twin, Ball(5.0), Pose(-3.0, 1.5, 1.2))
     after, true = rectify(Frame(twin.renderer(contact, 4))), seen_mm(contact, before.grey.shape, rectify.mm_per_px)
     off = {}
-    for method in ("physics", "ratio"):
-        read = fit_ball(rectify, *images, DESIGN, method).reader(before, rectify.height_source)(after)
-        off[method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
+    for fit in (fit_by_physics, by_rule):
+        read = fit.reader(before, rectify.height_source)(after)
+        off[fit.method] = float(np.abs(read.indentation_mm + np.minimum(true, 0))[true < -0.05].mean())
     assert off["physics"] < 0.03 < 0.06 < off["ratio"]
 
 
 @pytest.mark.parametrize("method", ["physics", "ratio", "table"])
 def test_every_fit_of_a_ball_knows_the_skin_and_reads_it_back(
-    method: DepthMethod, twin: Twin, known_press: Contact, calibrated_a: Calibration
+    method: DepthMethod, twin: Twin, known_press: Contact, calibrated_a: Calibration, fit_by_physics: TwinBallFit
 ) -> None:
-    fit = fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN, method)
+    fit: BallFit = fit_by_physics
+    if method != "physics":
+        fit = fit_ball(calibrated_a.rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN, method)
     assert fit.method == method
     assert fit.depth_mm.max() == pytest.approx(fit.max_indentation_mm, abs=0.02)
     assert (fit.depth_mm[fit.disc] > 0).all()
@@ -180,12 +185,11 @@ def test_every_fit_of_a_ball_knows_the_skin_and_reads_it_back(
 
 
 def test_bulges_are_read_and_nothing_is_read_from_nothing(
-    twin: Twin, known_press: Contact, calibrated_a: Calibration
+    twin: Twin, calibrated_a: Calibration, fit_by_physics: TwinBallFit
 ) -> None:
     rectify = calibrated_a.rectify
-    fit = fit_ball(rectify, twin.renderer(None, 1), twin.renderer(known_press, 2), DESIGN)
     before = rectify(Frame(twin.renderer(None, 3)))
-    reader = fit.reader(before, rectify.height_source)
+    reader = fit_by_physics.reader(before, rectify.height_source)
     contact = pressed(twin, LyingCylinder(3.0, 8.0), Pose(1.0, 0.0, 1.0), (0.5, 0.0))
     read, true = (
         reader(rectify(Frame(twin.renderer(contact, 5)))).z_mm,

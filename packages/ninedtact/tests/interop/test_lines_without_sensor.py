@@ -39,6 +39,7 @@ def simulated_sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a simulated sensor, calibrated as the pages say."""
     folder = tmp_path_factory.mktemp("simulated") / "my_sensor"
     assert main(["calibrate", "--source", "sim", "--out", str(folder)]) == 0
+    assert not folder.with_name("my_sensor_images").exists()  # where images are kept if something fails
     return folder
 
 

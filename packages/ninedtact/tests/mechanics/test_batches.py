@@ -108,19 +108,6 @@ def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pyte
     assert_same(halved.unstack(), waited.unstack(), 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("going", "half"),
-    [([1, 1, 1, 0], None), ([0, 1, 0, 1], [1, 3]), ([0, 0, 0, 1], [0, 3]), ([0, 1, 0, 0, 1], [0, 1, 4]), ([1], None)],
-)
-def test_half_a_batch_has_all_in_it_that_go_on(
-    going: list[int], half: list[int] | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(contact_arrays, "MIN_CONTACTS_TO_SPLIT", 1)
-    for which in (np.array(going) > 0, torch.tensor(going) > 0):
-        found = contact_arrays.half_with_all_unconverged(which[:, None, None])
-        assert (None if found is None else found.tolist()) == half
-
-
 def test_windows_of_their_own_in_one_batch_answer_as_each_alone() -> None:
     skin, random = gel_skin(GRID, GEL, DOUBLE), np.random.default_rng(0)
     windows = [(slice(2, 18), slice(5, 21)), (slice(10, 34), slice(20, 28))]

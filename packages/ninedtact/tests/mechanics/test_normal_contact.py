@@ -201,12 +201,6 @@ def test_what_has_not_converged_is_refused_unless_asked_for():
     assert exact.iterations > found.iterations
 
 
-def test_the_tolerance_is_a_part_of_the_depth_and_never_below_that_of_a_touch():
-    given = SolverSettings(tolerance=1e-3, min_tolerance_mm=1e-4)
-    assert given.tolerance_mm(0.0) == pytest.approx(1e-4)
-    assert given.tolerance_mm(0.3) == pytest.approx(np.hypot(3e-4, 1e-4))
-
-
 @pytest.mark.parametrize("guess", [0.2, 2.4])
 def test_a_load_is_solved_to_the_tolerance_of_its_own_depth_whatever_depth_was_guessed(guess):
     rough = model(friction=0.0, settings=SolverSettings(tolerance=1e-2, min_tolerance_mm=1e-9))

@@ -6,12 +6,10 @@ from gels import BALL, DOUBLE, GEL, SMALL, Plate, model, pressed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.errors import InputError
 from ninedtact.mechanics import contact_model as contacts
 from ninedtact.mechanics.active_region import (
     GridRectangle,
     SharedActiveRectangle,
-    find_active_rectangles,
     find_touchable_region,
     whole_grid_region,
 )
@@ -84,34 +82,3 @@ def test_what_reaches_the_border_is_refused(depth):
     with pytest.raises(ContactLeavesGrid, match="left and right"):
         pressing = model(friction=0.0, settings=SolverSettings(max_rounds=2, max_iterations=20))
         pressing.step_to_load(pressing.initial_contact(), Plate(), Pose(), 1.0)
-
-
-def test_a_patch_is_wide_enough_and_quick_to_transform():
-    grid = padded_grid(24, 18, 0.2, 4)
-    assert grid.width_mm >= 32
-    assert grid.height_mm >= 26
-    assert grid.cell_area_mm2 == pytest.approx(0.04)
-    np.testing.assert_allclose(grid.positions_mm.mean(axis=(1, 2)), 0, atol=1e-12)
-    with pytest.raises(InputError, match=r"expected a grid of at least 8 x 8 points"):
-        PeriodicGrid(4, 100, 0.2)
-
-
-@pytest.mark.parametrize(
-    ("rows", "cols", "rectangle"),
-    [
-        ((20, 28), (30, 37), GridRectangle(slice(20, 28), slice(30, 38))),
-        ((20, 29), (30, 40), GridRectangle(slice(17, 33), slice(27, 43))),
-        ((0, 3), (69, 72), GridRectangle(slice(0, 8), slice(64, 72))),
-        ((8, 40), (0, 8), GridRectangle(slice(8, 40), slice(0, 8))),
-        ((8, 41), (0, 8), GridRectangle(slice(0, 64), slice(0, 72))),
-        ((0, 0), (0, 0), GridRectangle(slice(0, 64), slice(0, 72))),
-    ],
-)
-def test_a_rectangle_is_the_next_multiple_of_eight_around_what_is_near(rows, cols, rectangle):
-    overlap = np.full((1, *SMALL.shape), -1.0)
-    overlap[0, slice(*rows), slice(*cols)] = -0.29
-    overlap[0, slice(*rows), slice(*cols)] += 1.29 * (np.arange(cols[1] - cols[0]) == 0)
-    assert find_active_rectangles(overlap) == [rectangle]
-    overlap[overlap == -0.29] = -0.31
-    narrow = (rows[1] - rows[0] <= 32) and rows != (0, 0)
-    assert find_active_rectangles(overlap)[0].shape[1] == (8 if narrow else SMALL.cols)

@@ -84,9 +84,8 @@ def lowest_and_highest(field: Callable[..., np.ndarray], x: np.ndarray, y: np.nd
 
 
 @every_member
-@pytest.mark.parametrize("degrees", [3, 10])
-def test_tilt_moves_every_point_as_a_rigid_body(name: str, degrees: int) -> None:
-    member, pose = MEMBERS[name], Pose(0.5, 0.2, 0.6, 0.3, np.radians(degrees), np.radians(-degrees / 2))
+def test_tilt_moves_every_point_as_a_rigid_body(name: str) -> None:
+    member, pose = MEMBERS[name], Pose(0.5, 0.2, 0.6, 0.3, np.radians(10), np.radians(-5))
     x, y = X[::3, ::3] + 0.01, Y[::3, ::3]
     found = member.height_over_skin_mm(pose, x, y)
     assert np.isfinite(found).all()

@@ -88,7 +88,7 @@ def _height_change_mm(
 
 
 def finite_strain_traction_mpa(
-    pressure_mpa: ScalarField, height_mm: ScalarField, thickness_mm: float, share: float = 1.0
+    pressure_mpa: ScalarField, height_mm: Float[Any, "... rows cols"], thickness_mm: float, share: float = 1.0
 ) -> ScalarField:
     """Return the linear pressure (or shear) times 1 + 2 f (height / thickness)² where the skin is pressed in.
 
