@@ -24,9 +24,9 @@ from websockets.sync.client import ClientConnection, connect
 
 from ninedtact import SensorFolder
 from ninedtact.calibration.save import save_sensor
-from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.live.sensor_poller import SensorPoller
-from ninedtact.live.wrench_history import WrenchHistory
+from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.simulation.simulated_sources import demo_sources
 from ninedtact.studio.page_controller import DisplayedSensor
 from ninedtact.studio.press_control import TwinPressController
@@ -85,18 +85,18 @@ def page_interaction(moves: int = 60, quick: bool = False, json: bool = False) -
 def press_through_page(folder: SensorFolder, moves: int, watch_s: float) -> tuple[list[float], float, dict[str, float]]:
     """Return the ms of each move, the updates per second, and the ms of each stage of the last reading."""
     sources = demo_sources(folder.twin())
-    sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
-    sensor.estimator = estimator = folder.estimator("physics")
-    estimates = WrenchHistory("estimated", "by physics", estimator.notices, states_errors=True)
+    live = assemble_live_sensor(folder, sources, follow_reference=False, estimator="physics")
+    estimates = WrenchHistory("estimated", "by physics", live.sensor.estimator.notices, states_errors=True)
+    true = WrenchPoller(sources.force_torque, "true", "of the simulation")
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
 
     def keep(reading: object) -> None:
         estimates.add_estimate(reading.force)  # type: ignore[attr-defined]
 
-    with SensorPoller(sensor, keep) as poller, pollers[0]:
+    with SensorPoller(live.sensor, keep) as poller, true:
         control = TwinPressController(sources.simulation)
-        twin = DisplayedSensor(poller, [pollers[0].history, estimates], control)
+        twin = DisplayedSensor(poller, [true.history, estimates], control)
         with shown_page([twin], folder.shape, DISPLAY_HZ, Path("out/readings")) as (server, page):
             person = context.Process(target=move_handle, args=(server.port, moves, watch_s, there))
             person.start()

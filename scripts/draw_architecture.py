@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "packages" / "ninedtact" / "src" / "ninedtact"
 DRAWING = ROOT / "docs" / "images" / "architecture.svg"
-HIDDEN = {"_version", "__main__", "errors", "atomic_write"}
+HIDDEN = {"_version", "__main__", "errors", "atomic_write", "required_libraries"}
 """Modules that nearly every package imports, or that have nothing to draw yet."""
 WIDTH, ROW, BOX_HEIGHT, MARGIN = 960, 92, 44, 24
 

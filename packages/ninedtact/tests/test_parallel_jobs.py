@@ -11,9 +11,6 @@ from time import monotonic, sleep
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from ninedtact import parallel_jobs
-from ninedtact._version import installation_command
-from ninedtact.cli import main
 from ninedtact.errors import DeviceError, InputError, NinedtactError
 from ninedtact.parallel_jobs import Cluster, require_workers, run_jobs, run_writing_jobs
 
@@ -111,16 +108,6 @@ def _write_square(folder: Path, number: int) -> int:
     (folder / str(number)).mkdir()
     (folder / str(number) / "square.txt").write_text(str(number**2))
     return number
-
-
-def test_a_missing_extra_is_named_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(parallel_jobs, "find_spec", lambda name: None)
-    assert main(["simulate", "dataset", "--out", str(tmp_path / "a"), "--cluster", "somewhere:8786"]) == 1
-    said = capsys.readouterr().err
-    assert said.endswith(f"got no distributed; run {installation_command('cluster')}\n") and said.count("\n") == 1
-    assert not list(tmp_path.iterdir())
 
 
 def test_a_gpu_and_a_cluster_are_refused_together(tmp_path: Path) -> None:

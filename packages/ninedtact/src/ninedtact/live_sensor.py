@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ninedtact.force.estimator_and_scale import ForceEstimator
     from ninedtact.sensor import Sensor
     from ninedtact.simulation.press_sequence import PressSequence
+    from ninedtact.simulation.simulated_sources import DemoSources
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class LiveSensor:
 
 def assemble_live_sensor(
     folder: "SensorFolder",
-    source: str,
+    source: "str | DemoSources",
     references: Sequence[PathLike] = (),
     settings: "CameraSettings | None" = None,
     follow_reference: bool = True,
@@ -38,22 +39,24 @@ def assemble_live_sensor(
 ) -> LiveSensor:
     """Return a sensor that is read in real time, as the live page shows it and other programs receive it; not yet opened.
 
-    A camera that is lost is waited for. Files and recordings play at their own pace, a recording with the reference image that it
-    starts with; loop: again and again. follow_reference: whether the reference image of a live source follows slow changes. name:
-    of the sensor among several, each of whose twins has noise of its own. notify: receives a sentence about a camera that is lost
-    or is back. The other parameters, and what is raised, are those of `open`.
+    source: an address, or the simulated sources of a twin. A camera that is lost is waited for. Files and recordings play at their
+    own pace, a recording with the reference image that it starts with; loop: again and again. follow_reference: whether the
+    reference image of a live source follows slow changes. name: of the sensor among several, each of whose twins has noise of its
+    own. notify: receives a sentence about a camera that is lost or is back. The other parameters, and what is raised, are those of
+    `open`.
     """
     from ninedtact.capture.frame_pacing import LatestFrameSource, RepeatingSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
     from ninedtact.capture.reconnecting import ReconnectingFrameSource
 
     of = f"{name}: " if name else ""
-    follow, twin = None if follow_reference else False, None
-    if is_twin_address(source):
+    follow = None if follow_reference else False
+    if isinstance(source, str) and is_twin_address(source):
         from ninedtact.simulation.simulated_sources import demo_sources
 
-        twin = demo_sources(folder.twin().with_noise_of(name))
-        frames: FrameSource = twin.camera
+        source = demo_sources(folder.twin().with_noise_of(name))
+    if not isinstance(source, str):
+        frames: FrameSource = source.camera
     else:
         played = source_in_real_time(source, settings or FIXED_EXPOSURE, lambda sentence: notify(f"{of}{sentence}"))
         frames = ReconnectingFrameSource(
@@ -63,4 +66,4 @@ def assemble_live_sensor(
         )
     chosen = folder.estimator(estimator) if isinstance(estimator, str) else estimator
     sensor = assemble_sensor(folder, LatestFrameSource(frames), chosen, references, follow)
-    return LiveSensor(sensor) if twin is None else LiveSensor(sensor, twin.force_torque, twin.simulation)
+    return LiveSensor(sensor) if isinstance(source, str) else LiveSensor(sensor, source.force_torque, source.simulation)

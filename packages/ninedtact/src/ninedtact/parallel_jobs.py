@@ -15,7 +15,6 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from socket import gethostname
@@ -26,9 +25,10 @@ from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from ninedtact._version import __version__, installation_command
+from ninedtact._version import __version__
 from ninedtact.atomic_write import write_files_atomically
-from ninedtact.errors import DeviceError, InputError, MissingLibraryError
+from ninedtact.errors import DeviceError, InputError
+from ninedtact.required_libraries import require_libraries
 
 CONNECT_TIMEOUT_S = 8
 """Time in which a cluster must answer."""
@@ -66,10 +66,7 @@ def connect_workers(workers: int, cluster: str | None) -> Iterator[Workers]:
     if cluster is None:
         yield workers
         return
-    if find_spec("distributed") is None:
-        raise MissingLibraryError(
-            expected="the library of clusters", got="no distributed", remedy=f"run {installation_command('cluster')}"
-        )
+    require_libraries("cluster", "distributed")
     with _connect_dask(cluster) as connected:
         yield connected
 

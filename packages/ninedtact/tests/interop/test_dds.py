@@ -47,59 +47,13 @@ from ninedtact.interop.ros2_topics_and_messages import (  # noqa: E402
 )
 from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
-from ninedtact.recording.topics_and_messages import Topic, encode_message, encode_wrench, type_store  # noqa: E402
+from ninedtact.recording.topics_and_messages import Topic, encode_message, type_store  # noqa: E402
 from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"
 ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": cyclonedds_configuration(INTERFACE)}
 WRENCH = Wrench(np.array([0.5, -0.25, -2.0]), np.array([1e-3, 2e-3, -4e-3]))
 WALL_NS = 1_790_000_000_123_456_789
-
-OWN_SUBSCRIBER = """
-import sys, time
-from dataclasses import dataclass
-from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, uint32
-from cyclonedds.qos import Policy, Qos
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
-from cyclonedds.util import duration
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: int32
-    nanosec: uint32
-@dataclass
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
-@dataclass
-class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
-    x: float64
-    y: float64
-    z: float64
-@dataclass
-class Wrench(IdlStruct, typename="geometry_msgs::msg::dds_::Wrench_"):
-    force: Vector3
-    torque: Vector3
-@dataclass
-class WrenchStamped(IdlStruct, typename="geometry_msgs::msg::dds_::WrenchStamped_"):
-    header: Header
-    wrench: Wrench
-received = []
-WrenchStamped.deserialize = classmethod(
-    lambda this, data, has_header=True, use_version_2=None:
-        (received.append(bytes(data)), this.__idl__.deserialize(data, has_header=has_header, use_version_2=use_version_2))[1])
-participant = DomainParticipant(int(sys.argv[1]))
-qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepLast(5))
-reader = DataReader(participant, Topic(participant, "rt/small/wrench_estimated", WrenchStamped, qos=qos), qos=qos)
-while not (samples := reader.take(1)) or not hasattr(samples[0], "wrench"):
-    time.sleep(0.01)
-w = samples[0]
-print(w.header.stamp.sec, w.header.stamp.nanosec, w.header.frame_id, w.wrench.force.x, w.wrench.force.y, w.wrench.force.z,
-      w.wrench.torque.x, w.wrench.torque.y, w.wrench.torque.z, received[0].hex())
-"""
-"""A program of its own that knows neither ninedtact nor rosbags: types by hand, decoded by Cyclone's own code."""
 
 
 @dataclass
@@ -170,27 +124,6 @@ def test_an_empty_variable_is_domain_0_as_in_ros(monkeypatch: pytest.MonkeyPatch
     for value, domain in (("", 0), ("7", 7)):
         monkeypatch.setenv("ROS_DOMAIN_ID", value)
         assert resolve_domain(None) == domain
-
-
-def test_a_program_with_cyclones_own_types_and_decoder_gets_the_bytes_of_rosbags() -> None:
-    expected = encode_wrench(WRENCH, WALL_NS, "small_skin")
-    with (
-        DdsParticipant(DOMAIN, INTERFACE) as participant,
-        subprocess.Popen(
-            [sys.executable, "-c", OWN_SUBSCRIBER, str(DOMAIN)], stdout=subprocess.PIPE, text=True, env=ENVIRONMENT
-        ) as other,
-    ):
-        writer = participant.writer("/small/wrench_estimated", LIVE_TOPICS[Topic.ESTIMATED][0], QosProfile.RELIABLE)
-        while other.poll() is None:
-            writer.write(expected)
-            time.sleep(0.05)
-        assert other.stdout is not None
-        *values, frame_and_rest = other.stdout.read().split(maxsplit=2)
-    frame, *numbers, received = frame_and_rest.split()
-    assert (int(values[0]) * 10**9 + int(values[1]), frame) == (WALL_NS, "small_skin")
-    assert tuple(map(float, numbers)) == tuple(WRENCH.six)
-    assert bytes.fromhex(received).rstrip(b"\0") == expected.rstrip(b"\0")
-    assert len(received) // 2 - len(expected) in range(4)  # DDS pads to four bytes
 
 
 def test_cyclones_tools_list_the_topics_with_their_types_and_print_messages(tmp_path: Path) -> None:

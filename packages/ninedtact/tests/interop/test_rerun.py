@@ -1,8 +1,6 @@
 """Recordings and readings in Rerun, read back by its own reader; behind the marker of the doors, where rerun-sdk is installed."""
 
 import os
-import re
-import shlex
 import signal
 import socket
 import subprocess
@@ -16,7 +14,7 @@ import pytest
 from episodes import sample
 from small_sensor import SkinCamera, sensor_folder, skin, wait_until
 
-from ninedtact._version import find_entry_point, installation_command
+from ninedtact._version import find_entry_point
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.errors import DeviceError
@@ -113,7 +111,7 @@ def test_the_reader_of_rerun_finds_images_surfaces_and_wrenches_with_their_bands
 
 
 def test_an_export_that_is_refused_or_fails_leaves_no_file(
-    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["export", str(recorded), "--to", "rerun", "--out"]
     for out in (tmp_path / "folder", recorded):
@@ -121,16 +119,12 @@ def test_an_export_that_is_refused_or_fails_leaves_no_file(
         assert "expected --out to be a new file ending in .rrd" in capsys.readouterr().err
     before = sorted(tmp_path.iterdir())
 
-    def fail(self: Recording) -> Any:
+    def stop() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Recording, "readings", fail)
     with Recording(recorded) as recording, pytest.raises(KeyboardInterrupt):
-        export_rerun(recording, tmp_path / "stopped.rrd")
+        export_rerun(recording, tmp_path / "stopped.rrd", on_image=stop)
     assert sorted(tmp_path.iterdir()) == before
-    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None if name == "rerun" else True)
-    assert main([*words, str(tmp_path / "x.rrd")]) == 1
-    assert installation_command("rerun") in capsys.readouterr().err
 
 
 def test_a_recording_of_too_few_images_for_a_reference_is_refused_and_leaves_no_file(
@@ -243,15 +237,3 @@ def test_one_recording_is_exported_at_a_time_but_for_lerobot_whose_plugin_is_nam
         assert main(["export", str(recorded), "--out", str(tmp_path / "set"), "--to", "lerobot"]) == 1
         assert "run pip install lerobot_camera_ninedtact" in capsys.readouterr().err
     assert not (tmp_path / "out.rrd").exists() and not (tmp_path / "set").exists()
-
-
-def test_the_way_of_the_page_without_a_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    lines = (Path(__file__).parents[4] / "docs/foxglove_rerun.md").read_text(encoding="utf-8").splitlines()
-    commands = [line.strip() for line in lines if re.match("    ninedtact (calibrate|record|export) ", line)]
-    commands = [line.replace("--seconds 10", "--seconds 5") for line in commands]
-    commands.sort(key=lambda line: ("calibrate", "record", "export").index(line.split()[1]))
-    assert [line.split()[1] for line in commands] == ["calibrate", "record", "export"]
-    for line in commands:
-        assert main(shlex.split(line, comments=True)[1:]) == 0, line
-    assert Path("press.rrd").stat().st_size > 100_000

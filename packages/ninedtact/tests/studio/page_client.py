@@ -1,22 +1,33 @@
 """A viewer of a page without a browser, who uses its controls by their names and keeps what the page sends."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import viser
-from reading_clients import CAMERA, unpack_text
-from small_sensor import wait_until
+from reading_clients import CAMERA, received_surfaces, unpack_text
+from small_sensor import SkinCamera, sensor_on, wait_until
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from ninedtact.studio.page_server import PageServer
+from ninedtact.capture.frame_source import FrameSource
+from ninedtact.design import Gel
+from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.socket_guard import SocketGuard
+from ninedtact.reading import Reading
+from ninedtact.studio.page_controller import DisplayedSensor, PageController
+from ninedtact.studio.page_server import PageServer, page_server
+from ninedtact.studio.press_control import TwinPressController
+from ninedtact.studio.saved_files import SaveQuota
+from ninedtact.studio.scene_3d import gel_block_under_skin
 from ninedtact.studio.sensor_page import SensorPage
-from ninedtact.studio.viewer import ViewerPage
+from ninedtact.studio.viewer import PanelFactory, ViewerPage
 
 PROTOCOL = f"viser-v{viser.__version__}"
 
@@ -30,6 +41,8 @@ class PageClient:
         """All that the page has sent, without its arrays."""
         self.controls: dict[str, SimpleNamespace] = {}
         """The controls that are there by their uuid: `label`, `value`, `visible`, `options` and so on."""
+        self.surfaces: list[int] = []
+        """Numbers of points of the surfaces that the page has sent."""
         self.notices: list[str] = []
         """Titles and texts of the notifications."""
         self._thread = Thread(target=self._read, daemon=True)
@@ -41,6 +54,7 @@ class PageClient:
 
     def _keep_messages(self) -> None:
         for packed in self.socket:
+            self.surfaces += received_surfaces(packed)
             for message in msgspec.msgpack.decode(unpack_text(packed))["messages"]:
                 kind, uuid, props = message["type"], message.get("uuid"), message.get("props") or {}
                 if kind == "NotificationShowMessage":
@@ -137,10 +151,55 @@ def page_client(server: PageServer, path: str = "") -> Iterator[PageClient]:
         yield PageClient(socket)
 
 
+@dataclass
+class ServedPage:
+    """A live page that is served, refreshed by the test."""
+
+    server: PageServer
+    controller: PageController
+    page: SensorPage
+
+    def refresh(self) -> bool:
+        """Show all viewers the newest moment; true, so that conditions can follow."""
+        return bool(self.controller.refresh(self.page))
+
+    @contextmanager
+    def viewer(self) -> Iterator[tuple[PageClient, ViewerPage]]:
+        """Connect one more viewer, and give its own page too."""
+        before = len(self.page.viewers)
+        with page_client(self.server) as client:
+            wait_until(lambda: len(self.page.viewers) == before + 1)
+            yield client, self.page.viewers[-1]
+
+
 @contextmanager
-def page_viewer(page: SensorPage, server: PageServer) -> Iterator[tuple[PageClient, ViewerPage]]:
-    """Connect one more viewer of a live page, and give its own page too."""
-    before = len(page.viewers)
-    with page_client(server) as client:
-        wait_until(lambda: len(page.viewers) == before + 1)
-        yield client, page.viewers[-1]
+def served_page(
+    sensors: Sequence[DisplayedSensor],
+    out: Path,
+    panels: Sequence[PanelFactory] = (),
+    quota: SaveQuota | None = None,
+    guard: SocketGuard | None = None,
+) -> Iterator[ServedPage]:
+    """Serve the page of sensors, which are read already."""
+    with page_server("127.0.0.1", 0, guard) as server:
+        controller = PageController(sensors, out, quota)
+        block = gel_block_under_skin(sensors[0].poller.sensor.shape, Gel())
+        yield ServedPage(server, controller, SensorPage(server, controller, block, "small", panels))
+
+
+@contextmanager
+def served_small_page(
+    out: Path,
+    panels: Sequence[PanelFactory] = (),
+    camera: FrameSource | None = None,
+    press: TwinPressController | None = None,
+    guard: SocketGuard | None = None,
+    quota: SaveQuota | None = None,
+    on_reading: Callable[[Reading], None] = lambda reading: None,
+) -> Iterator[ServedPage]:
+    """Read a small sensor, and serve its page."""
+    with (
+        SensorPoller(sensor_on(camera or SkinCamera()), on_reading) as poller,
+        served_page([DisplayedSensor(poller, press=press)], out, panels, quota, guard) as served,
+    ):
+        yield served

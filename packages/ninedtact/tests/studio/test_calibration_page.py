@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import PIPE
-from typing import Any
 from urllib.request import urlopen
 
 import numpy as np
@@ -23,10 +22,9 @@ from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibrate import CalibrateCommand
-from ninedtact.cli.calibration_page import CalibrationPageOptions, serve_calibrated_sensor
+from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedPages
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
 from ninedtact.studio.guided_session import SwitchableCamera
@@ -146,14 +144,11 @@ def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
     assert darkening.max() > 20 and images.ball_pair[0].shape == (240, 320, 3)
 
 
-def test_the_live_page_follows_at_the_same_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    served: list[Any] = []
-    monkeypatch.setattr(
-        "ninedtact.cli.calibration_page.serve_sensor_page", lambda *args, **options: served.append((*args, options))
-    )
-    guard, folder = SocketGuard.for_host("0.0.0.0"), load_sensor(sensor_folder(tmp_path / "small"))
-    serve_calibrated_sensor(folder, "0", 1234, guard, automatic=False)
-    (((part,), settings, _),) = served
-    assert part.folder.id == "small" and part.sensor.source.name == "camera 0" and part.wrenches == []
-    assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, guard)
-    assert settings.force == "none" and part.pressed is None  # a sensor without a twin has no force by physics
+def test_the_live_page_follows_at_the_same_address(tmp_path: Path) -> None:
+    pages = GuidedPages(CalibrationPageOptions(host="0.0.0.0", port=1234), "0")
+    sensor, settings = pages.live_page(load_sensor(sensor_folder(tmp_path / "small")))
+    assert sensor.folder.id == "small" and sensor.live.sensor.source.name == "camera 0"
+    assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, pages.guard)
+    assert (
+        not sensor.estimates_force and sensor.live.simulation is None
+    )  # a sensor without a twin has no force by physics

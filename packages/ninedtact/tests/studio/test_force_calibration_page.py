@@ -13,21 +13,17 @@ from page_client import PageClient, page_client
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
+from small_calibrated_twin import PluggedCamera
 from small_sensor import wait_until
 
 from height_observation import HeightObservationModel
 from ninedtact.calibration.force_calibration import ForceScaleImpossible, UnscaledForceReader
-from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-from ninedtact.capture.frame_source import CameraLost
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
-from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
-from ninedtact.cli.serve_sensor_page import PageSettings
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_and_scale import read_force_scales
+from ninedtact.force.estimator_and_scale import ForceEstimator, read_force_scales
 from ninedtact.force.traction.estimator import TractionForce
-from ninedtact.quantities import Frame
-from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.twin import default_twin
 from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
 from ninedtact.studio.force_calibration_session import (
@@ -41,29 +37,25 @@ from ninedtact.studio.page_server import page_server
 
 PATIENCE_S = 120.0
 STIFFNESS = 1.2
-RIGID = Gel(gel_over_base_modulus=0.0)
-STIFFER = replace(RIGID, shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
+STIFFER = replace(Gel(gel_over_base_modulus=0.0), shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
 TWIN = replace(default_twin(), gel=STIFFER)
-ESTIMATOR = "ninedtact.calibration.sensor_folder.SensorFolder.estimator"
+
+
+class QuicklyCalibratedFolder(SensorFolder):
+    """The sensor of the tests is calibrated by the method that is done soonest, which has no model of its brightness."""
+
+    def estimator(self, spec: str = "physics", with_force_scale: bool = True) -> ForceEstimator:
+        return TractionForce(HeightObservationModel(), Gel(gel_over_base_modulus=0.0))
 
 
 @pytest.fixture
-def camera() -> SimulatedCalibrationCamera:
-    return SimulatedCalibrationCamera(TWIN, SensorDesign(), rate_hz=60.0)
+def camera() -> PluggedCamera:
+    return PluggedCamera(TWIN, SensorDesign(), rate_hz=60.0)
 
 
 @pytest.fixture
-def session(
-    camera: SimulatedCalibrationCamera, twin_sensor: SensorFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[ForceCalibrationSession]:
-    # The sensor of the tests is calibrated by the method that is done soonest, which has no model of its brightness.
-    monkeypatch.setattr(
-        ESTIMATOR,
-        lambda folder, force, with_force_scale=True: TractionForce(
-            HeightObservationModel(), Gel(gel_over_base_modulus=0.0)
-        ),
-    )
-    folder = load_sensor(shutil.copytree(twin_sensor.path, tmp_path / "s"))
+def session(camera: PluggedCamera, twin_sensor: SensorFolder, tmp_path: Path) -> Iterator[ForceCalibrationSession]:
+    folder = QuicklyCalibratedFolder(shutil.copytree(twin_sensor.path, tmp_path / "s"), twin_sensor.record)
     one = ForceCalibrationSession(
         SwitchableCamera(lambda address: camera, "sim"),
         folder.path,
@@ -77,7 +69,7 @@ def session(
 
 
 def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
-    browser: Browser, session: ForceCalibrationSession, camera: SimulatedCalibrationCamera
+    browser: Browser, session: ForceCalibrationSession, camera: PluggedCamera
 ) -> None:
     desk, phone = (browser.new_page(viewport={"width": w, "height": h}) for w, h in ((1280, 800), (390, 844)))
     errors = page_errors(desk), page_errors(phone)
@@ -144,22 +136,14 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
 
 
 def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
-    session: ForceCalibrationSession, camera: SimulatedCalibrationCamera, monkeypatch: pytest.MonkeyPatch
+    session: ForceCalibrationSession, camera: PluggedCamera
 ) -> None:
     session.start()
     wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
-    read, is_unplugged = camera.read, Event()
-
-    def read_while_plugged_in() -> Frame:
-        if is_unplugged.is_set():
-            raise CameraLost("expected an image, got none; plug the camera in")
-        return read()
-
-    monkeypatch.setattr(camera, "read", read_while_plugged_in)
-    is_unplugged.set()
-    wait_until(lambda: "plug the camera in" in session.state.camera_trouble, PATIENCE_S)
+    camera.plugged_in = False
+    wait_until(lambda: "plug" in session.state.camera_trouble, PATIENCE_S)
     assert len(session.state.presses) >= 1
-    is_unplugged.clear()
+    camera.plugged_in = True
     wait_until(lambda: session.state.phase is ForceCalibrationPhase.COMPLETE, PATIENCE_S)
     assert not session.state.camera_trouble
     before, limit = set(session.sensor.iterdir()), resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -178,7 +162,7 @@ def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
 
 
 def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it(
-    session: ForceCalibrationSession, camera: SimulatedCalibrationCamera
+    session: ForceCalibrationSession, camera: PluggedCamera
 ) -> None:
     stays = Event()
 
@@ -209,25 +193,6 @@ def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it
     camera.offer(ball_press_under_load(0.0))
     wait_until(lambda: len(session.state.presses) == 1, PATIENCE_S)
     assert session.state.presses[0].estimated_n == pytest.approx(first.estimated_n, rel=0.05)
-
-
-def test_the_live_page_that_follows_shows_the_estimator_that_was_calibrated(
-    twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        ESTIMATOR,
-        lambda folder, force, with_force_scale=True: TractionForce(
-            HeightObservationModel(), Gel(gel_over_base_modulus=0.0)
-        ),
-    )
-    served: list[PageSettings] = []
-    monkeypatch.setattr(
-        "ninedtact.cli.calibration_page.serve_sensor_page", lambda parts, settings, ends: served.append(settings)
-    )
-    monkeypatch.setattr("ninedtact.cli.calibration_page._serve_until_wanted", lambda *words: 1234)
-    page = ForceCalibrationPageServer(twin_sensor, CalibrationPageOptions(port=0), "0", force="corrected")
-    assert page.serve() is None  # no scale was saved
-    assert [settings.force for settings in served] == ["corrected"]
 
 
 def remove_button(client: PageClient) -> Any:

@@ -4,7 +4,6 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import suppress
 from pathlib import Path
 from subprocess import PIPE
 from urllib.error import HTTPError
@@ -14,14 +13,10 @@ import cv2
 import pytest
 from small_sensor import sensor_folder, skin
 
-from ninedtact._version import installation_command
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
-from ninedtact.cli import main
 from ninedtact.cli.live import Live
-from ninedtact.errors import InputError, MissingLibraryError
+from ninedtact.errors import InputError
 from ninedtact.live_sensor import assemble_live_sensor
-from ninedtact.studio.page_controller import PageMoment
-from ninedtact.studio.sensor_page import SensorPage
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 
@@ -33,24 +28,6 @@ def images(tmp_path: Path) -> Path:
     for number in range(3):
         cv2.imwrite(str(folder / f"{number}.png"), skin(100))
     return folder
-
-
-def test_ctrl_c_ends_it_also_where_a_library_ignores_the_interruption(
-    tmp_path: Path, images: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shown = []
-
-    def show_and_ignore_errors(self: SensorPage, moment: PageMoment) -> None:
-        shown.append(moment)
-        assert len(shown) < 200, "the interruption was lost"
-        if len(shown) == 3:
-            with suppress(KeyboardInterrupt):
-                signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(SensorPage, "show", show_and_ignore_errors)
-    words = ["--sensor", str(sensor_folder(tmp_path / "small")), "--source", str(images), "--loop", "--port", "0"]
-    assert main(["live", *words]) == 0
-    assert re.search(r"stopped after \d+ images\n", capsys.readouterr().out)
 
 
 def test_on_a_network_the_printed_address_is_the_only_one(tmp_path: Path, images: Path) -> None:
@@ -90,9 +67,7 @@ def test_only_a_live_source_is_followed(tmp_path: Path, images: Path) -> None:
     assert not follows(str(images)) and not follows(str(images), loop=True)
 
 
-def test_bad_options_are_refused_before_any_camera_is_touched(
-    tmp_path: Path, images: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_options_are_refused_before_any_camera_is_touched(tmp_path: Path, images: Path) -> None:
     folder = sensor_folder(tmp_path / "small")
     with pytest.raises(SensorFolderDamaged, match="expected a sensor folder"):
         Live((str(images),), (str(tmp_path / "none"),)).run()
@@ -102,11 +77,3 @@ def test_bad_options_are_refused_before_any_camera_is_touched(
         Live((str(images),), (str(folder),), display_hz=0).run()
     with pytest.raises(InputError, match="got 'robot';"):
         Live((str(images),), (str(folder),), allow_origin=("robot",)).run()
-    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None if name == "rerun" else True)
-    with pytest.raises(MissingLibraryError, match=re.escape(f"run {installation_command('rerun')}")):
-        Live((str(images),), (str(folder),), rerun=True).run()
-    monkeypatch.setattr("ninedtact.cli.serve_sensor_page.find_spec", lambda name: None)
-    with pytest.raises(
-        MissingLibraryError, match=re.escape(f"got no such package; run {installation_command('studio')}")
-    ):
-        Live((str(images),), (str(folder),)).run()

@@ -2,26 +2,23 @@
 
 import socket
 import threading
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
-from page_client import PageClient, page_client
+from page_client import PageClient, page_client, served_small_page
 from playwright.sync_api import Browser
 from reading_clients import open_panel, page_errors
-from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
+from small_sensor import SkinCamera, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
-from ninedtact.design import Gel
 from ninedtact.errors import DeviceError
-from ninedtact.live.sensor_poller import SensorPoller
+from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_page import GuidedPageLayout
 from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_controller import DisplayedSensor, PageController
-from ninedtact.studio.page_server import PORTS_TRIED, page_server
-from ninedtact.studio.saved_files import SaveLimits
-from ninedtact.studio.scene_3d import gel_block_under_skin
-from ninedtact.studio.sensor_page import SensorPage
+from ninedtact.studio.page_server import PageServer, page_server
+from ninedtact.studio.saved_files import SaveQuota
 
 PATIENCE_S = 90.0
 
@@ -34,15 +31,13 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     errors = page_errors(tab)
     tab.set_default_timeout(PATIENCE_S * 1000)
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
-    sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor) as loop:
-        studio = PageController([DisplayedSensor(loop)], tmp_path, save_limits=SaveLimits(per_minute=1))
-        page = SensorPage(server, studio, gel_block_under_skin(SHAPE, Gel()), "small")
-        address = f"127.0.0.1:{server.port}"
+    source = ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0)
+    with served_small_page(tmp_path, camera=source, quota=SaveQuota(per_minute=1)) as served:
+        sensor, address = served.controller.sensors[0].poller.sensor, f"127.0.0.1:{served.server.port}"
 
         def until_shown(*texts: str) -> None:
             def shown() -> bool:
-                studio.refresh(page)
+                served.refresh()
                 said = tab.inner_text("body")
                 return all(text in said for text in texts)
 
@@ -70,7 +65,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
         assert len(list(tmp_path.glob("reading_*"))) == 5
         camera.plugged_in = False
         until_shown("no image for ", "unplugged?")
-        studio.show_final_state(page)
+        served.controller.show_final_state(served.page)
     wait_until(lambda: "stopped: the program has ended" in tab.inner_text("body"), PATIENCE_S, pause_s=0.05)
     wait_until(lambda: set(threading.enumerate()) <= before)
     assert errors == [] and caplog.messages == []
@@ -79,13 +74,13 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
 
 @pytest.mark.parametrize("is_guided", [False, True])
 def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bool) -> None:
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
+    with ExitStack() as opened:
         if is_guided:
+            server = opened.enter_context(page_server("127.0.0.1", 0))
             session = CalibrationSession(SwitchableCamera(lambda address: SkinCamera(), "0"), tmp_path)
             GuidedPageLayout(server, session, lambda: {"0": "a camera"}, "Calibration").serve()
         else:
-            controller = PageController([DisplayedSensor(loop)], tmp_path)
-            SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "small")
+            server = opened.enter_context(served_small_page(tmp_path)).server
         for kept, chosen in ((None, True), ("dark", False), ("light", True)):
             with page_client(server) as browser:
                 request = browser.until_sent(lambda one: one["type"] == "LocalStorageGetItemRequestMessage")
@@ -107,21 +102,20 @@ def theme(browser: PageClient) -> bool:
 def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as other,
-        pytest.raises(DeviceError, match=r"free for the page, got it in use .*choose another with --port"),
+        pytest.raises(DeviceError, match=r"free for the page, got one in use; choose another with --port"),
         page_server("127.0.0.1", other.getsockname()[1]),
     ):
         pass
 
 
-def test_without_a_port_the_next_free_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        taken = other.getsockname()[1]
-        monkeypatch.setattr("ninedtact.studio.page_server.DEFAULT_PORT", taken)
-        with page_server("127.0.0.1", None) as server:
-            assert taken < server.port < taken + PORTS_TRIED
-        monkeypatch.setattr("ninedtact.studio.page_server.PORTS_TRIED", 1)
-        with pytest.raises(DeviceError, match="got it in use"), page_server("127.0.0.1", None):
-            pass
+def test_of_several_ports_the_next_free_one_is_taken() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other, page_server("127.0.0.1", 0) as first:
+        ports = [other.getsockname()[1], first.port]
+        with closing(PageServer(SocketGuard.for_host("127.0.0.1"))) as server:
+            with pytest.raises(DeviceError, match="got one in use"):
+                server.listen("127.0.0.1", ports)
+            server.listen("127.0.0.1", [*ports, 0])
+            assert server.port not in ports
 
 
 @pytest.mark.parametrize(

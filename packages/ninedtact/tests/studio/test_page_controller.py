@@ -26,7 +26,7 @@ from ninedtact.studio.page_controller import (
     next_drawing_slowdown,
 )
 from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
-from ninedtact.studio.saved_files import SaveLimits
+from ninedtact.studio.saved_files import SaveQuota
 
 
 class Screen:
@@ -178,8 +178,8 @@ def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
 
 
 def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Path) -> None:
-    hasty = PageController([stage.sensor], tmp_path / "hasty", save_limits=SaveLimits(per_minute=2))
-    small = PageController([stage.sensor], tmp_path / "small", save_limits=SaveLimits(disk_share=0.0))
+    hasty = PageController([stage.sensor], tmp_path / "hasty", SaveQuota(per_minute=2))
+    small = PageController([stage.sensor], tmp_path / "small", SaveQuota(disk_share=0.0))
     with stage.loop:
         wait_until(lambda: stage.sees(0.0))
         hasty.refresh(stage.screen)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -12,31 +12,35 @@ import numpy as np
 import pytest
 import trimesh
 import viser
-from page_client import PageClient, page_viewer
+from page_client import PageClient, ServedPage, served_page, served_small_page
 from page_walk import controls_of, find_layout_faults, open_every_panel, panels_of, use_every_control
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
 from small_press_simulation import PRESSED, TWIN
-from small_sensor import SHAPE, SkinCamera, sensor_on, wait_until
+from small_sensor import wait_until
 
 from height_observation import HeightObservationModel
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.cli.serve_sensor_page import twin_sensor_and_true_wrench
 from ninedtact.design import Gel
 from ninedtact.errors import FileFormatError
 from ninedtact.force.traction.estimator import TractionForce
+from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPoller
-from ninedtact.live.wrench_history import WrenchHistory
+from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
+from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.reading import Reading
 from ninedtact.simulation.ground_truth import true_height_map_like
 from ninedtact.simulation.hand_moved_object import HandTarget, SimulatedHand
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import PressSequence
-from ninedtact.simulation.simulated_sources import demo_sources
-from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
-from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
-from ninedtact.studio.page_server import PageServer, page_server
+from ninedtact.simulation.simulated_sources import (
+    NO_FORCE_TORQUE_ERRORS,
+    DemoSources,
+    SimulatedCamera,
+    SimulatedForceTorque,
+)
+from ninedtact.studio.page_controller import DisplayedSensor, PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
     MAX_DEPTH_MM,
     HandPressState,
@@ -44,11 +48,10 @@ from ninedtact.studio.press_control import (
     read_uploaded_mesh,
     twist_and_tilts_deg,
 )
-from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
+from ninedtact.studio.reading_view import ImageKind, ShownTraction
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.saved_files import SaveQuota
 from ninedtact.studio.sensor_group import grip_forces
-from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.twin_press_panel import HANDLE_LIFT_MM, object_thumbnails_html
 
 PATIENCE_S = 120.0
@@ -56,13 +59,11 @@ HZ = 8.0
 """Steps per second of the twin, so that a busy machine keeps up."""
 
 
-class PressedTwin:
+@dataclass
+class PressedTwin(ServedPage):
     """A twin on a page, refreshed by the test."""
 
-    def __init__(
-        self, control: TwinPressController, studio: PageController, page: SensorPage, server: PageServer
-    ) -> None:
-        self.control, self.studio, self.page, self.server = control, studio, page, server
+    control: TwinPressController
 
     @property
     def moment(self) -> PageMoment:
@@ -73,19 +74,11 @@ class PressedTwin:
 
     def rests_at(self, depth_mm: float) -> bool:
         """Whether the newest reading shows the object resting at a depth."""
-        self.studio.refresh(self.page)
+        self.refresh()
         if not self.page.viewers or self.page.viewers[0].moment is None:
             return False
         view = self.moment.sensors[0].view
         return view is not None and view.press is not None and abs(view.press.corrected.pose.depth_mm - depth_mm) < 1e-6
-
-
-def keep_reading(
-    reading: Reading, estimated: WrenchHistory, number: int, listeners: list[Callable[[Reading, int], None]]
-) -> None:
-    estimated.add_estimate(reading.force)
-    for listener in listeners:
-        listener(reading, number)
 
 
 @contextmanager
@@ -93,35 +86,33 @@ def pressed_twin(
     folder: SensorFolder, out: Path, names: Sequence[str] = ("",), steps_hz: float = HZ
 ) -> Iterator[PressedTwin]:
     """A twin on a page, or several; the first one's control."""
-    controls: list[TwinPressController] = []
+    quota = SaveQuota()
+    recorded = [RecordedSensorMetadata(folder, "twin", has_estimates=True, name=name) for name in names]
+    recorder = quota.new_recorder(recorded, out)
     sensors: list[DisplayedSensor] = []
-    listeners: list[Callable[[Reading, int], None]] = []
-    with page_server("127.0.0.1", 0) as server, ExitStack() as opened:
-        for number, name in enumerate(names):
-            sources = demo_sources(TWIN)
-            simulation = PressSequence(TWIN, [PRESSED], steps_hz)
-            sources.camera.simulation = sources.force_torque.simulation = simulation
-            sources.camera.__post_init__()
-            sources.force_torque.__post_init__()
-            sensor, pollers = twin_sensor_and_true_wrench(folder.shape, sources)
-            sensor.estimator = TractionForce(HeightObservationModel(), Gel(gel_over_base_modulus=0.0))
-            estimated = WrenchHistory("estimated", "by physics", states_errors=True)
-            keep = partial(keep_reading, estimated=estimated, number=number, listeners=listeners)
-            loop = opened.enter_context(SensorPoller(sensor, keep))
-            opened.enter_context(pollers[0])
-            controls.append(TwinPressController(simulation))
-            sensors.append(DisplayedSensor(loop, [pollers[0].history, estimated], controls[-1], name))
-        studio = PageController(sensors, out)
-        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        recorded = [
-            PageSensorToRecord(folder, "twin", one.wrenches, name) for one, name in zip(sensors, names, strict=True)
-        ]
-        recorder = PageRecorder(recorded, out, studio.quota)
+    with ExitStack() as opened:
         opened.callback(recorder.stop)
-        listeners.append(recorder.keep)
-        desk = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
-        page = SensorPage(server, studio, block, "twin", [desk])
-        yield PressedTwin(controls[0], studio, page, server)
+        for number, name in enumerate(names):
+            simulation = PressSequence(TWIN, [PRESSED], steps_hz)
+            sources = DemoSources(
+                SimulatedCamera(simulation), SimulatedForceTorque(simulation, 60.0, NO_FORCE_TORQUE_ERRORS)
+            )
+            force = TractionForce(HeightObservationModel(), Gel(gel_over_base_modulus=0.0))
+            live = assemble_live_sensor(folder, sources, follow_reference=False, estimator=force)
+            estimated = WrenchHistory("estimated", "by physics", states_errors=True)
+
+            def keep(reading: Reading, number: int = number, estimated: WrenchHistory = estimated) -> None:
+                assert reading.force is not None
+                estimated.add_estimate(reading.force)
+                recorder.add(reading, number)
+
+            loop = opened.enter_context(SensorPoller(live.sensor, keep))
+            true = opened.enter_context(WrenchPoller(sources.force_torque, "true", "of the simulation")).history
+            sensors.append(DisplayedSensor(loop, [true, estimated], TwinPressController(simulation), name))
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
+        served = opened.enter_context(served_page(sensors, out, [panel], quota))
+        assert sensors[0].press is not None
+        yield PressedTwin(served.server, served.controller, served.page, sensors[0].press)
 
 
 def open_tab(browser: Browser, twin: PressedTwin, width: int, height: int) -> tuple[Page, list[str]]:
@@ -154,10 +145,10 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
 ) -> None:
     with pressed_twin(twin_sensor, tmp_path) as twin:
         tab, errors = open_tab(browser, twin, 1300, 900)
-        wait_until(lambda: (twin.studio.refresh(twin.page), "ball_8mm" in tab.inner_text("body"))[1], PATIENCE_S, 0.05)
+        wait_until(lambda: (twin.refresh(), "ball_8mm" in tab.inner_text("body"))[1], PATIENCE_S, 0.05)
         twin.control.choose("primitives", "ball")
         wait_until(lambda: twin.rests_at(0.6), PATIENCE_S, 0.05)
-        before, (shallow,) = images_of(tab), twin.moment.sensors
+        before = images_of(tab)
         depth = tab.locator("label:has-text('depth (mm)')").first.locator("xpath=ancestor::*[.//input][1]//input").last
         depth.fill("1.2")
         depth.press("Enter")
@@ -187,24 +178,9 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         estimate, std = re.findall(r"[\d.]+", f_z_row(said)[2])
         # Its force is off by a third, which the stated error, that of a sensor calibrated by physics, does not include.
         assert -float(estimate) == pytest.approx(force_n, abs=4 * float(std) + 0.4 * abs(force_n))
-        surfaces = [
-            each.view.surface(SkinColouring.HEIGHT, 4, ShownTraction.TRUE) for each in (shallow, moment) if each.view
-        ]
-        assert surfaces[1].points_mm[:, 2].min() < surfaces[0].points_mm[:, 2].min() - 0.4
         assert len(before) == 2 and not set(before) & set(images_of(tab))
-        assert tab.title() == "twin · 9DTact" and "true" in said and "estimated" in said
+        assert tab.title() == "small · 9DTact" and "true" in said and "estimated" in said
         assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        mesh = trimesh.creation.box((6, 4, 3)).export(file_type="stl")
-        tab.locator("input[type=file]").first.set_input_files(
-            {"name": "my part.stl", "mimeType": "model/stl", "buffer": mesh}
-        )
-        wait_until(lambda: twin.rests_at(0.6) and "my_part" in tab.inner_text("body"), PATIENCE_S, 0.05)
-        assert twin.control.state.kind == "own mesh"
-        tab.locator("input[type=file]").first.set_input_files(
-            {"name": "bad.stl", "mimeType": "model/stl", "buffer": b"solid nothing"}
-        )
-        wait_until(lambda: "Mesh not taken" in tab.inner_text("body"), PATIENCE_S, 0.05)
-        assert twin.control.state.family == "my_part"
     assert errors == []
 
 
@@ -218,7 +194,7 @@ def test_every_control_can_be_used_and_nothing_is_outside_or_covered(
     with pressed_twin(twin_sensor, tmp_path, steps_hz=2.0) as twin:  # which leaves the computer to the browser
 
         def refresh() -> None:
-            twin.studio.refresh(twin.page)
+            twin.refresh()
 
         def until_ready(tab: Page) -> None:
             wait_until(lambda: refresh() or set(PANELS) <= set(panels_of(tab)), PATIENCE_S, 0.05)
@@ -267,8 +243,8 @@ def drag_handle(hand: PageClient, position_mm: Sequence[float], twist_rad: float
 def test_a_drag_is_followed_where_the_object_comes_late(
     tmp_path: Path, twin_sensor: SensorFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pressed_twin(twin_sensor, tmp_path) as twin, page_viewer(twin.page, twin.server) as (hand, viewer):
-        wait_until(lambda: (twin.studio.refresh(twin.page), viewer.moment is not None)[1], PATIENCE_S)
+    with pressed_twin(twin_sensor, tmp_path) as twin, twin.viewer() as (hand, viewer):
+        wait_until(lambda: (twin.refresh(), viewer.moment is not None)[1], PATIENCE_S)
         move, may_move, waiting = twin.control.move, Event(), []
 
         def move_late(**changes: float) -> None:
@@ -282,13 +258,13 @@ def test_a_drag_is_followed_where_the_object_comes_late(
         wait_until(lambda: bool(waiting))
         hand.socket.ping().wait(PATIENCE_S)  # both drags have arrived
         sent = len(hand.messages)
-        twin.studio.refresh(twin.page)  # would put the handle back to the object, which has not moved yet
+        twin.refresh()  # would put the handle back to the object, which has not moved yet
         may_move.set()
         wait_until(lambda: (twin.control.state.x_mm, twin.control.state.depth_mm) == pytest.approx((1.5, 0.9)))
         twin.control.move(x_mm=-2.0)
 
         def handle_is_at(x_mm: float) -> bool:
-            twin.studio.refresh(twin.page)
+            twin.refresh()
             places = [one["position"] for one in hand.messages[sent:] if one["type"] == "SetPositionMessage"]
             return any(place[0] == pytest.approx(x_mm) for place in places)
 
@@ -297,8 +273,8 @@ def test_a_drag_is_followed_where_the_object_comes_late(
 
 
 def test_a_moment_without_wrenches_shows_none_of_the_moment_before(tmp_path: Path, twin_sensor: SensorFolder) -> None:
-    with pressed_twin(twin_sensor, tmp_path) as twin, page_viewer(twin.page, twin.server) as (client, viewer):
-        wait_until(lambda: (twin.studio.refresh(twin.page), client.shows("N·mm"))[1], PATIENCE_S)
+    with pressed_twin(twin_sensor, tmp_path) as twin, twin.viewer() as (client, viewer):
+        wait_until(lambda: (twin.refresh(), client.shows("N·mm"))[1], PATIENCE_S)
         wait_until(lambda: client.shows("about the skin"))
         bare = PageMoment((replace(twin.moment.sensors[0], wrenches=()),))  # of a recording that has none
         wait_until(lambda: (viewer.show(bare), not client.shows("N·mm") and not client.shows("about the skin"))[1])
@@ -307,17 +283,17 @@ def test_a_moment_without_wrenches_shows_none_of_the_moment_before(tmp_path: Pat
 def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor: SensorFolder) -> None:
     with (
         pressed_twin(twin_sensor, tmp_path, ("left", "right")) as twin,
-        page_viewer(twin.page, twin.server) as (hand, viewer),
+        twin.viewer() as (hand, viewer),
     ):
         wait_until(
-            lambda: (twin.studio.refresh(twin.page), viewer.moment is not None and viewer.moment.sensors[0].view)[1],
+            lambda: (twin.refresh(), viewer.moment is not None and viewer.moment.sensors[0].view)[1],
             PATIENCE_S,
         )
         x, y, z = viewer.arrangement.places_mm[0]
         drag_handle(hand, (x + 1.5, y - 1.0, z + HANDLE_LIFT_MM - 0.9))
 
         def both_rest() -> bool:
-            twin.studio.refresh(twin.page)
+            twin.refresh()
             assert viewer.moment is not None
             views = [one.view for one in viewer.moment.sensors]
             poses = [None if view is None or view.press is None else view.press.corrected.pose for view in views]
@@ -338,11 +314,11 @@ def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor
         assert (true.force_n, estimated.force_n) == pytest.approx(tuple(means_n)) and means_n[0] > 1.0
         assert abs(means_n[1] - means_n[0]) < 4 * estimated.std_n
         viewer.choose(sensor=1)
-        twin.studio.refresh(twin.page)
+        twin.refresh()
         drag_handle(hand, (0.0, 0.0, HANDLE_LIFT_MM - 0.4))
 
         def only_the_right_is_pressed_less() -> bool:
-            twin.studio.refresh(twin.page)
+            twin.refresh()
             assert viewer.moment is not None
             presses = [one.view.press for one in viewer.moment.sensors if one.view is not None and one.view.press]
             return [round(press.corrected.pose.depth_mm, 3) for press in presses] == [0.9, 0.4]
@@ -362,12 +338,12 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
 ) -> None:
     with (
         pressed_twin(twin_sensor, tmp_path) as twin,
-        page_viewer(twin.page, twin.server) as (hand, first),
-        page_viewer(twin.page, twin.server) as (_, second),
+        twin.viewer() as (hand, first),
+        twin.viewer() as (_, second),
     ):
 
         def both_see_the_skin() -> bool:
-            twin.studio.refresh(twin.page)
+            twin.refresh()
             return all(one.moment is not None and one.moment.sensors[0].view for one in (first, second))
 
         wait_until(both_see_the_skin, PATIENCE_S)
@@ -387,13 +363,13 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         assert frozen.snapshot is kept.snapshot and frozen.status.sentence.startswith("frozen, what is shown is ")
         assert moment.status.tone == "live"
         second.choose(images=(ImageKind.GEL_FLOW, ImageKind.STICKING), source=ShownTraction.TRUE, pressure_arrows=True)
-        twin.studio.refresh(twin.page)
+        twin.refresh()
         assert second.moment.sensors[0].reading is kept.reading
         assert first.options.images != second.options.images
         second.toggle_freeze()
 
         def both_show_the_same() -> bool:
-            twin.studio.refresh(twin.page)
+            twin.refresh()
             return second.moment.sensors[0].reading is first.moment.sensors[0].reading  # type: ignore[union-attr]
 
         wait_until(both_show_the_same, PATIENCE_S, 0.01)  # a client that is behind is left out for some moments
@@ -426,7 +402,7 @@ def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object(
 def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
     control = TwinPressController(PressSequence(TWIN, [PRESSED]))
     control.move(depth_mm=99.0, x_mm=-99.0, tilt_x_deg=99.0)
-    assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == -control.reach_mm[0]
+    assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == control.limits["x_mm"][0]
     assert not control.state.is_playing and control.simulation.hand.held_object is not None
     control.play()
     assert control.state.is_playing and control.simulation.hand.held_object is None
@@ -437,23 +413,16 @@ def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
 
 def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: Path) -> None:
     control = TwinPressController(PressSequence(TWIN, [PRESSED]))
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        page = SensorPage(
-            server,
-            PageController([DisplayedSensor(loop, press=control)], tmp_path),
-            gel_block_under_skin(SHAPE, Gel()),
-            "twin",
-        )
-        with page_viewer(page, server) as (client, _):
-            plate, sizes = stl(trimesh.creation.box((2, 4, 70))), []
-            for unit, side in (("mm", "bottom (−z)"), ("mm", "left (−x)"), ("fit to 16 mm", "front (−y)")):
-                client.use("unit", unit)
-                client.use("side that faces the skin", side)
-                wait_until(lambda unit=unit: client.control("unit").value == unit)
-                wait_until(lambda side=side: client.control("side that faces the skin").value == side)
-                client.upload("Upload a mesh", "plate.stl", plate)
-                wait_until(lambda number=len(sizes) + 1: len(client.notices) == number, PATIENCE_S)
-                sizes.append(client.notices[-1])
+    with served_small_page(tmp_path, press=control) as served, served.viewer() as (client, _):
+        plate, sizes = stl(trimesh.creation.box((2, 4, 70))), []
+        for unit, side in (("mm", "bottom (−z)"), ("mm", "left (−x)"), ("fit to 16 mm", "front (−y)")):
+            client.use("unit", unit)
+            client.use("side that faces the skin", side)
+            wait_until(lambda unit=unit: client.control("unit").value == unit)
+            wait_until(lambda side=side: client.control("side that faces the skin").value == side)
+            client.upload("Upload a mesh", "plate.stl", plate)
+            wait_until(lambda number=len(sizes) + 1: len(client.notices) == number, PATIENCE_S)
+            sizes.append(client.notices[-1])
     assert sizes == [
         "Mesh taken: plate: 2.0 x 4.0 x 70.0 mm, 12 triangles",
         "Mesh not taken: expected plate at most 60 mm across, got 70 x 4 x 2 mm; choose another unit, 'fit to 16 mm', or another "
@@ -464,21 +433,18 @@ def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: 
 
 def test_viewers_who_come_later_are_shown_the_mesh_that_presses(tmp_path: Path) -> None:
     control = TwinPressController(PressSequence(TWIN, [PRESSED]))
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
-        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
-        with page_viewer(page, server) as (client, _):
-            client.upload("Upload a mesh", "part.stl", stl(trimesh.creation.box((2, 4, 7))))
-            wait_until(lambda: len(client.notices) == 1, PATIENCE_S)
-            with page_viewer(page, server) as (later, _):
-                assert later.control("kind").value == "own mesh" and later.control("object").value == "part"
-                before = object_thumbnails_html("own mesh", control.own_mesh)
-                wait_until(lambda: later.shows(before))
-                later.upload("Upload a mesh", "part.stl", stl(trimesh.creation.cylinder(5.0, 7.0)))  # of the same name
-                wait_until(lambda: len(later.notices) == 1, PATIENCE_S)
-                after = object_thumbnails_html("own mesh", control.own_mesh)
-                wait_until(lambda: controller.refresh(page) and later.shows(after) and not later.shows(before))
-                assert "base64" in before and after != before
+    with served_small_page(tmp_path, press=control) as served, served.viewer() as (client, _):
+        client.upload("Upload a mesh", "part.stl", stl(trimesh.creation.box((2, 4, 7))))
+        wait_until(lambda: len(client.notices) == 1, PATIENCE_S)
+        with served.viewer() as (later, _):
+            assert later.control("kind").value == "own mesh" and later.control("object").value == "part"
+            before = object_thumbnails_html("own mesh", control.own_mesh)
+            wait_until(lambda: later.shows(before))
+            later.upload("Upload a mesh", "part.stl", stl(trimesh.creation.cylinder(5.0, 7.0)))  # of the same name
+            wait_until(lambda: len(later.notices) == 1, PATIENCE_S)
+            after = object_thumbnails_html("own mesh", control.own_mesh)
+            wait_until(lambda: served.refresh() and later.shows(after) and not later.shows(before))
+            assert "base64" in before and after != before
 
 
 def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
@@ -486,14 +452,11 @@ def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InvalidPose, match="expected a finite twist_rad, got nan"):
         control.move(depth_mm=0.5, twist_deg=float("nan"))
     assert control.state == HandPressState()
-    with page_server("127.0.0.1", 0) as server, SensorPoller(sensor_on(SkinCamera())) as loop:
-        controller = PageController([DisplayedSensor(loop, press=control)], tmp_path)
-        page = SensorPage(server, controller, gel_block_under_skin(SHAPE, Gel()), "twin")
-        with page_viewer(page, server) as (client, _):
-            for wxyz in ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)):
-                assert control.state.x_mm == 0.0
-                client.drag_handle((1.0, 0.0, HANDLE_LIFT_MM - 0.5), wxyz)
-            wait_until(lambda: controller.refresh(page) and control.state.x_mm == 1.0)
+    with served_small_page(tmp_path, press=control) as served, served.viewer() as (client, _):
+        for wxyz in ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)):
+            assert control.state.x_mm == 0.0
+            client.drag_handle((1.0, 0.0, HANDLE_LIFT_MM - 0.5), wxyz)
+        wait_until(lambda: served.refresh() and control.state.x_mm == 1.0)
 
 
 def stl(mesh: trimesh.Trimesh) -> bytes:

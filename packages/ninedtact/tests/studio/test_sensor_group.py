@@ -15,17 +15,18 @@ from subprocess import PIPE
 import cv2
 import numpy as np
 import pytest
-from page_client import PageClient, page_viewer
+from page_client import PageClient, ServedPage, served_page
+from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
-from reading_clients import open_panel
 from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
-from test_recordings_on_page import Bench, Journey, ScaledForce
+from test_recordings_on_page import Bench, ScaledForce
 
-from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
 from ninedtact.cli.live import Live
 from ninedtact.errors import InputError
+from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import Wrench
@@ -34,58 +35,32 @@ from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.studio.page_controller import (
     DisplayedSensor,
-    PageController,
     PageMoment,
     SensorMoment,
     SensorStatusMessage,
 )
-from ninedtact.studio.page_recorder import PageRecorder, PageSensorToRecord
-from ninedtact.studio.page_server import PageServer, page_server
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import RecordedSensor, RecordingPlayer
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import SaveLimits
-from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout, gel_block_under_skin
+from ninedtact.studio.saved_files import SaveQuota
+from ninedtact.studio.scene_3d import FIELD_OF_VIEW_RAD, GelBlock, SideBySideLayout
 from ninedtact.studio.sensor_group import grip_forces
-from ninedtact.studio.sensor_page import SensorPage
 
 PATIENCE_S = 90.0
 SMALLEST_IMAGE_PX = 30
 
 
-def keep(reading: Reading, number: int, history: WrenchHistory, recorder: list[PageRecorder]) -> None:
-    """What the page keeps of a reading of one of its sensors."""
-    assert reading.force is not None
-    history.add_estimate(reading.force)
-    for one in recorder:
-        one.keep(reading, number)
-
-
 @dataclass
-class Gripper:
+class Gripper(ServedPage):
     """A page of sensors whose skins are pressed by the brightness of their cameras: 2 N for every mm."""
 
-    folder: SensorFolder
     cameras: dict[str, SkinCamera]
-    controller: PageController
-    page: SensorPage
     out: Path
-    server: PageServer
-
-    def until_shown(self, tab: Page, *texts: str, limit_s: float = PATIENCE_S) -> None:
-        """Refresh until a browser shows some texts."""
-
-        def is_shown() -> bool:
-            self.controller.refresh(self.page)
-            said = tab.inner_text("body")
-            return all(text in said for text in texts)
-
-        wait_until(is_shown, limit_s, pause_s=0.05)
 
     def refresh_for(self, seconds: float) -> None:
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
-            self.controller.refresh(self.page)
+            self.refresh()
             time.sleep(0.03)
 
 
@@ -93,28 +68,29 @@ class Gripper:
 def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]:
     """As many sensors as the test names, on one page, with a recorder."""
     folder, out, names = load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "readings", request.param
-    cameras = {name: SkinCamera(0.03) for name in names}
-    histories = {name: WrenchHistory("estimated", "by the bench", states_errors=True) for name in names}
-    recorders: list[PageRecorder] = []
+    cameras, quota = {name: SkinCamera(0.03) for name in names}, SaveQuota(per_minute=100)
+    recorded = [RecordedSensorMetadata(folder, "bench", has_estimates=True, name=name) for name in names]
+    recorder = quota.new_recorder(recorded, out)
     sensors: list[DisplayedSensor] = []
     with ExitStack() as opened:
-        server = opened.enter_context(page_server("127.0.0.1", 0))
+        opened.callback(recorder.stop)
         for number, (name, camera) in enumerate(cameras.items()):
             sensor = sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))
             sensor.estimator = ScaledForce()
-            kept = partial(keep, number=number, history=histories[name], recorder=recorders)
-            loop = opened.enter_context(SensorPoller(sensor, kept))
-            sensors.append(DisplayedSensor(loop, [histories[name]], name=name))
-        controller = PageController(sensors, out, SaveLimits(per_minute=100))
+            history = WrenchHistory("estimated", "by the bench", states_errors=True)
+
+            def keep(reading: Reading, number: int = number, history: WrenchHistory = history) -> None:
+                assert reading.force is not None
+                history.add_estimate(reading.force)
+                recorder.add(reading, number)
+
+            loop = opened.enter_context(SensorPoller(sensor, keep))
+            sensors.append(DisplayedSensor(loop, [history], name=name))
         # A level that a test sets before a sensor has read would become its reference.
         wait_until(lambda: all(one.poller.snapshot(0).reading is not None for one in sensors))
-        recorded = [PageSensorToRecord(folder, "bench", [histories[name]], name) for name in names]
-        recorders.append(PageRecorder(recorded, out, controller.quota))
-        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorders[0]))
-        block = gel_block_under_skin(folder.shape, folder.record.design.gel)
-        page = SensorPage(server, controller, block, " · ".join(names), [panel])
-        yield Gripper(folder, cameras, controller, page, out, server)
-        recorders[0].stop()
+        panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
+        served = opened.enter_context(served_page(sensors, out, [panel], quota))
+        yield Gripper(served.server, served.controller, served.page, cameras, out)
 
 
 def moment_with(
@@ -141,51 +117,45 @@ def test_grip_force_is_the_mean_of_each_two_opposing_normal_forces() -> None:
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
-def test_two_fingers_are_seen_recorded_into_one_file_and_played(
-    browser: Browser, gripper: Gripper, tmp_path: Path
-) -> None:
-    tab, errors = browser.new_page(viewport={"width": 1200, "height": 900}), []
-    tab.set_default_timeout(PATIENCE_S * 200)
-    tab.on("pageerror", lambda error: errors.append(str(error)))
-    tab.goto(f"http://127.0.0.1:{gripper.server.port}")
-    gripper.until_shown(tab, "left: live", "right: live", "grip force left and right, estimated")
-    gripper.cameras["left"].level, gripper.cameras["right"].level = 75, 50  # 1 mm and 2 mm: 2 N and 4 N
-    gripper.until_shown(tab, "1.00 mm, ", "2.00 mm, ", "\N{MINUS SIGN}2.00", "\N{MINUS SIGN}4.00", "3.00 N")
-    open_panel(tab, "Record")
-    tab.get_by_role("button", name="Record", exact=True).dispatch_event("click")
-    gripper.until_shown(tab, "Stop recording")
-    gripper.refresh_for(0.5)
-    gripper.cameras["left"].level = 50
-    gripper.until_shown(tab, "4.00 N")
-    tab.get_by_role("button", name="Stop recording").dispatch_event("click")
-    gripper.until_shown(tab, "recorded recording_")
-    (path,) = gripper.out.glob("*.mcap")
-    assert recorded_sensor_addresses(path) == [f"{path}#left", f"{path}#right"]
-    for name, first_n in (("left", -2.0), ("right", -4.0)):
-        with Recording(f"{path}#{name}") as recording:
-            wrenches = list(recording.wrenches(Topic.ESTIMATED))
-            assert len(wrenches) == len(recording.positions(Topic.IMAGES)) > 10
-            assert wrenches[0].force_n[2] == pytest.approx(first_n, abs=0.02)
-            assert wrenches[-1].force_n[2] == pytest.approx(-4.0, abs=0.02)
-    gripper.cameras["left"].level = gripper.cameras["right"].level = 100  # the sensors go on, and are not shown
-    journey = Journey(tab, gripper.out, lambda: gripper.controller.refresh(gripper.page))
-    journey.choose(journey.field("recording"), path.name)
-    gripper.until_shown(tab, "left: recorded, 0.00 of ", "right: recorded, 0.00 of ", "3.00 N", "2.00 mm, ")
-    tab.get_by_role("slider").first.focus()
-    tab.keyboard.press("End")
-    gripper.until_shown(tab, "4.00 N")
-    tab.get_by_role("button", name="Images and tables").dispatch_event("click")
-    gripper.until_shown(tab, "Exported")
+def test_two_fingers_are_seen_recorded_into_one_file_and_played(gripper: Gripper) -> None:
+    with gripper.viewer() as (client, _):
+
+        def until(*texts: str) -> None:
+            wait_until(lambda: gripper.refresh() and all(map(client.shows, texts)), PATIENCE_S)
+
+        until("<b>left</b>: live", "<b>right</b>: live", "grip force left and right, estimated")
+        gripper.cameras["left"].level, gripper.cameras["right"].level = 75, 50  # 1 mm and 2 mm: 2 N and 4 N
+        until("1.00 mm, ", "2.00 mm, ", "\N{MINUS SIGN}2.00", "\N{MINUS SIGN}4.00", "3.00 N")
+        client.use("Record")
+        until("recording recording_")
+        gripper.refresh_for(0.5)
+        gripper.cameras["left"].level = 50
+        until("4.00 N")
+        client.use("Stop recording")
+        until("recorded recording_")
+        (path,) = gripper.out.glob("*.mcap")
+        assert recorded_sensor_addresses(path) == [f"{path}#left", f"{path}#right"]
+        for name, first_n in (("left", -2.0), ("right", -4.0)):
+            with Recording(f"{path}#{name}") as recording:
+                wrenches = list(recording.wrenches(Topic.ESTIMATED))
+                assert len(wrenches) == len(recording.positions(Topic.IMAGES)) > 10
+                assert wrenches[0].force_n[2] == pytest.approx(first_n, abs=0.02)
+                assert wrenches[-1].force_n[2] == pytest.approx(-4.0, abs=0.02)
+        gripper.cameras["left"].level = gripper.cameras["right"].level = 100  # the sensors go on, and are not shown
+        wait_until(lambda: gripper.refresh() and path.name in client.control("recording").options)
+        client.use("recording", path.name)
+        until("<b>left</b>: recorded, 0.00 of ", "<b>right</b>: recorded, 0.00 of ", "3.00 N", "2.00 mm, ")
+        client.use("time (s)", 1e6)
+        until("4.00 N")
+        client.use("Images and tables")
+        wait_until(lambda: any("Exported" in notice for notice in client.notices), PATIENCE_S)
     (exported,) = gripper.out.glob("*_export_*")
     assert {one.name for one in exported.iterdir()} == {"left", "right"}
-    gripper.refresh_for(1.0)
-    tab.screenshot(path=tmp_path / "two.png")
-    assert errors == []
 
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
 def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gripper) -> None:
-    with page_viewer(gripper.page, gripper.server) as (hand, viewer):
+    with gripper.viewer() as (hand, viewer):
         half_x, half_y = viewer.block.width_mm / 2, viewer.block.length_mm / 2
         (left_x, left_y, _), (right_x, right_y, _) = viewer.arrangement.places_mm
         hand.click_on_scene(right_x + 1.0, right_y - 2.0, "shift")
@@ -205,7 +175,7 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
         wait_until(lambda: viewer.profiled_sensor == 1)
 
         def plots_the_right() -> bool:
-            gripper.controller.refresh(gripper.page)
+            gripper.refresh()
             return hand.shows("\N{MINUS SIGN}1.00 mm")
 
         wait_until(plots_the_right, pause_s=0.03)
@@ -224,10 +194,10 @@ def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper:
         path = bench.recorder.start()
         bench.press([75, 75])
         bench.recorder.stop()
-    with page_viewer(gripper.page, gripper.server) as (client, viewer):
+    with gripper.viewer() as (client, viewer):
 
         def stand(*visible: bool, status: str) -> bool:
-            gripper.controller.refresh(gripper.page)
+            gripper.refresh()
             shown = viewer.moment is not None and viewer.moment.sensors[0].status.sentence.startswith(status)
             return shown and tuple(is_visible(client, number) for number in (0, 1)) == visible
 
@@ -243,10 +213,10 @@ def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper:
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
 def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripper) -> None:
-    with page_viewer(gripper.page, gripper.server) as (client, viewer):
+    with gripper.viewer() as (client, viewer):
 
         def has_read() -> bool:
-            gripper.controller.refresh(gripper.page)
+            gripper.refresh()
             return viewer.moment is not None and all(one.reading is not None for one in viewer.moment.sensors)
 
         wait_until(has_read)
@@ -261,10 +231,10 @@ def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripp
 
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
 def test_a_lost_finger_is_said_and_the_other_goes_on(gripper: Gripper) -> None:
-    with page_viewer(gripper.page, gripper.server) as (client, viewer):
+    with gripper.viewer() as (client, viewer):
 
         def until_shown(*texts: str) -> None:
-            wait_until(lambda: gripper.controller.refresh(gripper.page) and all(map(client.shows, texts)), PATIENCE_S)
+            wait_until(lambda: gripper.refresh() and all(map(client.shows, texts)), PATIENCE_S)
 
         until_shown("<b>left</b>: live", "<b>right</b>: live")
         gripper.cameras["left"].plugged_in, gripper.cameras["right"].level = False, 75
@@ -281,43 +251,25 @@ def test_a_lost_finger_is_said_and_the_other_goes_on(gripper: Gripper) -> None:
         assert [one.name for one in viewer.shown_sensors] == ["right"]
 
 
-def overlaps(tab: Page) -> list[str]:
-    """What lies over something else, or outside of the window, of tables, states, images and the plot."""
-    boxes = tab.evaluate(
-        """() => [...document.querySelectorAll('[role=status], table, img[src^=blob], .uplot, button')].map(e => {
-            const box = e.getBoundingClientRect(), seen = [box.left, box.top, box.right, box.bottom];
-            for (let p = e.parentElement; p; p = p.parentElement) if (getComputedStyle(p).overflowY != 'visible') {
-                const clip = p.getBoundingClientRect();
-                seen[1] = Math.max(seen[1], clip.top); seen[3] = Math.min(seen[3], clip.bottom);
-            }
-            return [e.textContent.slice(0, 20) || e.tagName, ...seen];
-        }).filter(([_, left, top, right, bottom]) => right > left && bottom > top)"""
-    )
-    width = tab.viewport_size["width"]  # type: ignore[index]
-    found = [f"{name} outside" for name, left, _, right, _ in boxes if left < -1 or right > width + 1]
-    for number, (one, left, top, right, bottom) in enumerate(boxes):
-        for other, left2, top2, right2, bottom2 in boxes[number + 1 :]:
-            inside = one == other or (left2 >= left and right2 <= right and top2 >= top and bottom2 <= bottom)
-            shared_x, shared_y = min(right, right2) - max(left, left2), min(bottom, bottom2) - max(top, top2)
-            if not inside and shared_x > 2 and shared_y > 2:
-                found.append(f"{one} over {other}")
-    return found
-
-
 @pytest.mark.parametrize("gripper", [("thumb", "first", "second", "third")], indirect=True)
 def test_four_fingers_have_room_on_a_desktop_and_on_a_phone(browser: Browser, gripper: Gripper, tmp_path: Path) -> None:
     for width, height in ((1280, 800), (390, 844)):
         tab = browser.new_page(viewport={"width": width, "height": height})
         tab.goto(f"http://127.0.0.1:{gripper.server.port}")
         states = [f"{name}: live" for name in gripper.cameras]
-        gripper.until_shown(tab, *states, "grip force thumb and first", "grip force second and third")
+
+        def until_shown(*texts: str, tab: Page = tab) -> None:
+            wait_until(
+                lambda: gripper.refresh() and all(text in tab.inner_text("body") for text in texts), PATIENCE_S, 0.05
+            )
+
+        until_shown(*states, "grip force thumb and first", "grip force second and third")
         for number, camera in enumerate(gripper.cameras.values()):
             camera.level = 90 - 10 * number  # 0.4, 0.8, 1.2 and 1.6 mm
-        gripper.until_shown(tab, "1.20 N", "2.80 N", "1.60 mm, ")
+        until_shown("1.20 N", "2.80 N", "1.60 mm, ")
         gripper.refresh_for(2.0)
         tab.screenshot(path=tmp_path / f"four_{width}.png")
-        assert overlaps(tab) == []
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        assert find_layout_faults(tab) == []
         images = [image.bounding_box() for image in tab.locator("img[src^=blob]").all()]
         assert len(images) == 2 and all(box is not None and box["width"] > SMALLEST_IMAGE_PX for box in images)
         status, panels = (

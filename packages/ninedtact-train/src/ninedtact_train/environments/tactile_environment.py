@@ -9,12 +9,13 @@ import numpy as np
 
 from ninedtact import open_sensor
 from ninedtact.errors import InputError, SimulationError
-from ninedtact.interop.mujoco import TactileReading, TactileSensor, require_mujoco
+from ninedtact.interop.mujoco import TactileReading, TactileSensor
 from ninedtact.reading import Reading
+from ninedtact.required_libraries import require_libraries
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.twin import Twin, default_twin
 
-require_mujoco("gymnasium")
+require_libraries("environments", "mujoco", "gymnasium")
 
 import gymnasium as gymnasium  # noqa: E402 - after the check that it is there; tasks import it from here
 import mujoco  # noqa: E402

@@ -20,7 +20,7 @@ from msgspec import structs
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibration_page import (
     CalibrationPageOptions,
-    CalibrationPageServer,
+    GuidedPages,
     simulated_calibration_camera,
 )
 from ninedtact.cli.result_and_interrupt import (
@@ -141,9 +141,9 @@ class CalibrateCommand:
                 remedy="drop --page",
             )
         design, settings, name = self.resolved_design, self.settings, self.sensor_id
-        page = CalibrationPageServer(self.out, name, design, settings, self.on_page, self.source, self.automatic)
+        pages = GuidedPages(self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            return page.serve()
+            return pages.calibrate_shape(self.out, name, design, settings)
 
     def _calibrate(self, images: "CalibrationImages", scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
         """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""

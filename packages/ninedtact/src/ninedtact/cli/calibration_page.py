@@ -12,7 +12,7 @@ from time import sleep
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
-from ninedtact.cli.serve_sensor_page import PageSettings, page_sensor, require_page_library, serve_sensor_page
+from ninedtact.cli.serve_sensor_page import PageSensor, PageSettings, require_page_libraries, serve_sensor_page
 from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.live_sensor import assemble_live_sensor
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ninedtact.calibration.settings import CalibrationSettings
     from ninedtact.capture.frame_source import FrameSource
     from ninedtact.design import SensorDesign
-    from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
     from ninedtact.studio.calibration_page import CalibrationPage
     from ninedtact.studio.force_calibration_page import ForceCalibrationPage
@@ -49,86 +48,70 @@ class CalibrationPageOptions:
     allow_origin: PageOriginOption = ()
 
 
-@dataclass(frozen=True)
-class CalibrationPageServer:
-    """Serves the calibration page, and the live page after it: what to calibrate, and where the page is."""
+@dataclass
+class GuidedPages:
+    """Serves guided calibrations, and the live page that follows them, one after the other at one address."""
 
-    out: Path
-    sensor_id: str
-    design: "SensorDesign"
-    settings: "CalibrationSettings"
     options: CalibrationPageOptions
     source: str | None = None
     """The camera that is shown first; None for the first one of this computer, or the simulated sensor."""
     automatic: bool = False
     """Keep the camera's automatic exposure and white balance."""
 
-    def serve(self) -> "SensorFolder | None":
-        """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the sensor, None without one."""
-        require_page_library()
+    def __post_init__(self) -> None:
+        require_page_libraries()
         from ninedtact.live.socket_guard import SocketGuard
+
+        self.guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
+        self.port = self.options.port
+
+    def calibrate_shape(
+        self, out: Path, sensor_id: str, design: "SensorDesign", settings: "CalibrationSettings"
+    ) -> "SensorFolder | None":
+        """Serve until Ctrl-C the calibration of a sensor, and what somebody asks for after it; return the sensor, None without."""
         from ninedtact.studio.calibration_page import CalibrationPage
         from ninedtact.studio.calibration_session import CalibrationSession
 
-        guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
-        simulated = simulated_calibration_camera(self.design)
+        simulated = simulated_calibration_camera(design)
         list_cameras = partial(list_calibration_cameras, self.source)
-        camera = _switchable_camera(self.source, list_cameras, simulated, self.automatic)
-        session = CalibrationSession(
-            camera, self.out, self.design, self.settings, self.sensor_id, on_step=simulated.follow
-        )
+        camera = self._switchable_camera(list_cameras, simulated)
+        session = CalibrationSession(camera, out, design, settings, sensor_id, on_step=simulated.follow)
         make_page = partial(CalibrationPage, session=session, list_cameras=list_cameras, simulated=simulated)
-        wanted = session.live_requested, session.force_requested
         with suppress(KeyboardInterrupt):
-            port = _serve_until_wanted("calibration", self.options, guard, session, make_page, wanted)
-            if port is None:
-                return session.saved
-            result, source = session.state.result, session.state.source
-            assert result is not None
-            if session.force_requested.is_set():
-                options = replace(self.options, port=port)
-                ForceCalibrationPageServer(result, options, source, automatic=self.automatic).serve(guard)
-            else:
-                serve_calibrated_sensor(result, source, port, guard, self.automatic)
+            wanted = session.live_requested, session.force_requested
+            if self._serve_until_wanted("calibration", session, make_page, wanted):
+                result, self.source = session.state.result, session.state.source
+                assert result is not None
+                if session.force_requested.is_set():
+                    self.calibrate_force(result)
+                else:
+                    self._serve_live(result)
         return session.saved
 
+    def calibrate_force(self, folder: "SensorFolder", force: str = PHYSICS) -> Path | None:
+        """Serve until Ctrl-C the force calibration of a sensor with known loads, and the live page once somebody asks for it.
 
-@dataclass(frozen=True)
-class ForceCalibrationPageServer:
-    """A guided calibration of a sensor's force with known loads in the browser."""
-
-    folder: "SensorFolder"
-    options: CalibrationPageOptions
-    source: str | None = None
-    """The camera that is shown first; None for the first one of this computer, or the simulated sensor."""
-    force: str = PHYSICS
-    """Estimator that is calibrated."""
-    automatic: bool = False
-    """Keep the camera's automatic exposure and white balance."""
-
-    def serve(self, guard: "SocketGuard | None" = None) -> Path | None:
-        """Serve the page until Ctrl-C, and the live page once somebody asks for it; return the file that was written, if any."""
-        require_page_library()
+        force: estimator that is calibrated. Returns the file that was written, if any.
+        """
         from ninedtact.calibration.force_calibration import UnscaledForceReader
         from ninedtact.errors import CameraError
-        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
         from ninedtact.studio.force_calibration_session import ForceCalibrationSession
 
-        reader, folder, options = UnscaledForceReader(self.folder, self.force), self.folder, self.options
-        simulated, stiffness = self._simulated_camera()
-        list_cameras = partial(list_calibration_cameras, self.source, simulated is not None)
+        reader = UnscaledForceReader(folder, force)
+        has_twin = folder.record.twin is not None or (self.source is not None and is_twin_address(self.source))
+        simulated, stiffness = simulated_loaded_camera(folder) if has_twin else (None, None)
+        list_cameras = partial(list_calibration_cameras, self.source, has_twin)
         if not list_cameras():
             raise CameraError(
                 expected="a camera", got="none", remedy="plug it in, or name a stream or recording with --source"
             )
-        guard = guard or SocketGuard.for_host(options.host, options.allow_origin)
 
         def offer_load(grams: float) -> None:
             if simulated is not None:
                 simulated.offer(ball_press_under_load(grams))
 
-        camera = _switchable_camera(self.source, list_cameras, simulated, self.automatic)
+        camera = self._switchable_camera(list_cameras, simulated)
         session = ForceCalibrationSession(camera, folder.path, reader, on_load=offer_load)
         make_page = partial(
             ForceCalibrationPage,
@@ -139,72 +122,57 @@ class ForceCalibrationPageServer:
             stiffness=stiffness,
         )
         with suppress(KeyboardInterrupt):
-            port = _serve_until_wanted(
-                "force calibration", options, guard, session, make_page, [session.live_requested]
-            )
-            if port is not None:
-                serve_calibrated_sensor(folder, session.state.source, port, guard, self.automatic, self.force)
+            if self._serve_until_wanted("force calibration", session, make_page, [session.live_requested]):
+                self.source = session.state.source
+                self._serve_live(folder, force)
         return session.saved
 
-    def _simulated_camera(self) -> "tuple[SimulatedCalibrationCamera, float] | tuple[None, None]":
-        """Return the sensor's twin under loads and its stiffness; nothing for a sensor without a twin, unless it is named."""
-        has_twin = self.folder.record.twin is not None or (self.source is not None and is_twin_address(self.source))
-        return simulated_loaded_camera(self.folder) if has_twin else (None, None)
+    def live_page(self, folder: "SensorFolder", force: str | None = None) -> tuple[PageSensor, PageSettings]:
+        """Return the live page of a calibrated sensor, at the address of its calibration.
 
+        force: estimator that it shows; without it physics, which a sensor needs a twin for.
+        """
+        assert self.source is not None
+        force = force or (NONE if folder.record.twin is None else PHYSICS)
+        camera = camera_settings(self.automatic)
+        live = assemble_live_sensor(folder, self.source, settings=camera, estimator=force, notify=print_notice)
+        return PageSensor(folder, live), PageSettings(_READINGS, _LIVE_HZ, self.guard.host, self.port, guard=self.guard)
 
-def _switchable_camera(
-    source: str | None,
-    list_cameras: "Callable[[], dict[str, str]]",
-    simulated: "SimulatedCalibrationCamera | None",
-    automatic: bool,
-) -> "SwitchableCamera":
-    """Return the camera that a page begins with; another one, or the simulated sensor, can be chosen there."""
-    from ninedtact.studio.guided_session import SwitchableCamera
+    def _serve_live(self, folder: "SensorFolder", force: str | None = None) -> None:
+        sensor, settings = self.live_page(folder, force)
+        serve_sensor_page([sensor], settings, ends=False)
 
-    def open_source(address: str) -> "FrameSource":
-        is_simulated = simulated is not None and is_twin_address(address)
-        return simulated if simulated is not None and is_simulated else _live_camera(address, automatic)
+    def _switchable_camera(
+        self, list_cameras: "Callable[[], dict[str, str]]", simulated: "SimulatedCalibrationCamera | None"
+    ) -> "SwitchableCamera":
+        """Return the camera that a page begins with; another one, or the simulated sensor, can be chosen there."""
+        from ninedtact.studio.guided_session import SwitchableCamera
 
-    return SwitchableCamera(open_source, source or next(iter(list_cameras())))
+        def open_source(address: str) -> "FrameSource":
+            if simulated is not None and is_twin_address(address):
+                return simulated
+            return source_in_real_time(address, camera_settings(self.automatic))
 
+        return SwitchableCamera(open_source, self.source or next(iter(list_cameras())))
 
-def _serve_until_wanted(
-    what: str,
-    options: CalibrationPageOptions,
-    guard: "SocketGuard",
-    session: "GuidedSession[Any]",
-    make_page: "Callable[[PageServer], CalibrationPage | ForceCalibrationPage]",
-    wanted: Sequence[Event],
-) -> int | None:
-    """Serve a guided page until one of the events is set, and return its port; None where Ctrl-C ends it before."""
-    from ninedtact.studio.guided_page import REFRESH_HZ
-    from ninedtact.studio.page_server import page_server
+    def _serve_until_wanted(
+        self,
+        what: str,
+        session: "GuidedSession[Any]",
+        make_page: "Callable[[PageServer], CalibrationPage | ForceCalibrationPage]",
+        wanted: Sequence[Event],
+    ) -> bool:
+        """Serve a guided page until one of the events is set, and return whether one is; Ctrl-C ends it before."""
+        from ninedtact.studio.guided_page import REFRESH_HZ
+        from ninedtact.studio.page_server import page_server
 
-    with page_server(options.host, options.port, guard) as server, session, stop_on_signal() as stop:
-        page = make_page(server)
-        print(f"{what}: open {guard.page_address(server.port)} in a browser; Ctrl-C ends", flush=True)
-        while not (stop.now or any(event.is_set() for event in wanted)):
-            page.refresh()
-            sleep(1 / REFRESH_HZ)
-        return None if stop.now else server.port
-
-
-def _live_camera(address: str, automatic: bool) -> "FrameSource":
-    """Return a camera or recording, its exposure fixed unless it is to stay automatic."""
-    return source_in_real_time(address, camera_settings(automatic))
-
-
-def serve_calibrated_sensor(
-    folder: "SensorFolder", source: str, port: int, guard: "SocketGuard", automatic: bool, force: str | None = None
-) -> None:
-    """Serve the live page of a calibrated sensor at the address of its calibration, until Ctrl-C.
-
-    force: estimator that it shows; without it physics, which a sensor needs a twin for.
-    """
-    live = assemble_live_sensor(folder, source, settings=camera_settings(automatic), notify=print_notice)
-    force = force or (NONE if folder.record.twin is None else PHYSICS)
-    settings = PageSettings(_READINGS, _LIVE_HZ, guard.host, port, force, guard=guard)
-    serve_sensor_page([page_sensor(folder, live)], settings, ends=False)
+        with page_server(self.options.host, self.port, self.guard) as server, session, stop_on_signal() as stop:
+            page, self.port = make_page(server), server.port
+            print(f"{what}: open {self.guard.page_address(server.port)} in a browser; Ctrl-C ends", flush=True)
+            while not (stop.now or any(event.is_set() for event in wanted)):
+                page.refresh()
+                sleep(1 / REFRESH_HZ)
+            return not stop.now
 
 
 def list_calibration_cameras(source: str | None = None, simulated: bool = True) -> dict[str, str]:

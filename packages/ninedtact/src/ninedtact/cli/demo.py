@@ -13,9 +13,8 @@ from ninedtact.cli.serve_sensor_page import (
     PageSensor,
     PageSettings,
     require_display_rate,
-    require_page_library,
+    require_page_libraries,
     serve_sensor_page,
-    twin_sensor_and_true_wrench,
 )
 from ninedtact.cli.shared_options import (
     DesignFileOption,
@@ -30,6 +29,7 @@ from ninedtact.cli.shared_options import (
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
+from ninedtact.live_sensor import assemble_live_sensor
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -71,26 +71,25 @@ class Demo:
         self.require_rounds()
         refuse_design_beside_sensor(self.sensor, self.design_file)
         require_display_rate(self.display_hz)
-        require_page_library()
+        require_page_libraries()
         self.out.mkdir(parents=True, exist_ok=True)
         folder = self.folder
         self.write_summary(self.compare_presses(folder))
         sources = demo_sources(self.twin, self.resolved_rounds)
-        sensor, wrenches = twin_sensor_and_true_wrench(folder.shape, sources)
+        live = assemble_live_sensor(folder, sources, follow_reference=False, estimator=self.force)
         settings = PageSettings(
             self.out,
             self.display_hz,
             self.host,
             self.port,
-            self.force,
             self.allow_origin,
             opens_browser=self.browser,
         )
         if self.rounds is None and self.resolved_rounds is not None:
             print("without a terminal the demo ends after one round; --rounds gives more", flush=True)
         with suppress(KeyboardInterrupt):
-            serve_sensor_page([PageSensor(folder, sensor, wrenches, sources.simulation)], settings)
-        print(f"stopped after {sensor.frames_read} images; results are in {self.out}")
+            serve_sensor_page([PageSensor(folder, live)], settings)
+        print(f"stopped after {live.sensor.frames_read} images; results are in {self.out}")
         return 0
 
     def require_rounds(self) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact.cli.calibration_page import CalibrationPageOptions, ForceCalibrationPageServer
+from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedPages
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
 from ninedtact.cli.shared_options import AutomaticOption, JsonOption, ReferenceOption
 from ninedtact.errors import InputError
@@ -82,8 +82,7 @@ class Adapt:
         """Serve the guided calibration in the browser until Ctrl-C, and print its result."""
         folder = load_sensor_with_notices(self.sensor)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            guided = ForceCalibrationPageServer(folder, self.on_page, self.source, self.force, self.automatic)
-            file = guided.serve()
+            file = GuidedPages(self.on_page, self.source, self.automatic).calibrate_force(folder, self.force)
         if file is None:
             print_notice(f"stopped before a force scale was saved; {self.sensor} is as it was")
             return 1

@@ -10,11 +10,10 @@ import tyro
 
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import (
+    PageSensor,
     PageSettings,
-    page_sensor,
     require_display_rate,
-    require_page_library,
-    require_rerun,
+    require_page_libraries,
     serve_sensor_page,
 )
 from ninedtact.cli.shared_options import (
@@ -35,7 +34,8 @@ from ninedtact.cli.shared_options import (
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.live_sensor import assemble_live_sensor
-from ninedtact.recording.errors import RecordingUnreadable, require_recording_libraries
+from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.required_libraries import require_libraries
 from ninedtact.source_addresses import RECORDING_SUFFIX, SIMULATED, is_recording_address
 
 if TYPE_CHECKING:
@@ -71,10 +71,10 @@ class Live:
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
-        require_page_library()
+        require_page_libraries()
         require_display_rate(self.display_hz)
         if self.rerun:
-            require_rerun()
+            require_libraries("rerun", "rerun")
         named = self.named_sources()
         with ExitStack() as opened:
             parts = []
@@ -87,17 +87,18 @@ class Live:
                     camera_settings(self.automatic),
                     self.follow_reference,
                     self.loop,
-                    name=name,
+                    self.force,
+                    name,
                     notify=print_notice,
                 )
-                parts.append(page_sensor(folder, live, name))
+                parts.append(PageSensor(folder, live, name))
             settings = PageSettings(
-                self.out, self.display_hz, self.host, self.port, self.force, self.allow_origin, rerun=self.rerun
+                self.out, self.display_hz, self.host, self.port, self.allow_origin, rerun=self.rerun
             )
             ends = all(address == SIMULATED for address, _ in named.values())
             with suppress(KeyboardInterrupt):
                 serve_sensor_page(parts, settings, ends)
-        counts = [f"{part.sensor.frames_read} images" + f" of {part.name}" * bool(part.name) for part in parts]
+        counts = [f"{part.live.sensor.frames_read} images" + f" of {part.name}" * bool(part.name) for part in parts]
         print(f"stopped after {', '.join(counts)}")
         return 0
 
@@ -135,8 +136,7 @@ class Play:
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
-        require_page_library()
-        require_recording_libraries()
+        require_page_libraries()
         require_display_rate(self.display_hz)
         if not is_recording_address(str(self.recording)):
             raise RecordingUnreadable(

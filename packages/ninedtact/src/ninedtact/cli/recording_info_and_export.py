@@ -11,9 +11,9 @@ import tyro
 from ninedtact._version import find_entry_point
 from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import print_notices, print_result
-from ninedtact.cli.serve_sensor_page import require_rerun
 from ninedtact.cli.shared_options import JsonOption
 from ninedtact.errors import InputError, MissingLibraryError
+from ninedtact.required_libraries import require_libraries
 
 if TYPE_CHECKING:
     from ninedtact.recording.reader import Recording
@@ -184,7 +184,7 @@ class Export:
                 if self.to == "lerobot":
                     written = _load_lerobot_exporter()(recordings, self.out, self.task, on_image=bar.update)
                 elif self.to == "rerun":
-                    require_rerun()
+                    require_libraries("rerun", "rerun")
                     from ninedtact.interop.rerun import export_rerun
 
                     written = export_rerun(recordings[0], self.out, self.points_every, on_image=bar.update)

@@ -5,14 +5,12 @@ from collections.abc import Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.cli.result_and_interrupt import (
     StopSignal,
     given_or_recorded_sensor,
@@ -40,8 +38,9 @@ from ninedtact.cli.shared_options import (
     require_points_every,
 )
 from ninedtact.design import SensorDesign
-from ninedtact.errors import InputError, MissingLibraryError
+from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
+from ninedtact.required_libraries import require_libraries
 from ninedtact.source_addresses import is_twin_address, require_matching_force_source
 
 if TYPE_CHECKING:
@@ -119,7 +118,7 @@ class Ros2:
 
     def run(self) -> int:
         """Publish until Ctrl-C; where one of several sensors fails, the others end too."""
-        _require_libraries("ros2", "cyclonedds", "rosbags", "mcap")
+        require_libraries("ros2", "cyclonedds", "rosbags", "mcap")
         from ninedtact.interop.dds import DdsParticipant, parse_qos
 
         require_duration(self.shared.seconds)
@@ -226,7 +225,7 @@ class Foxglove:
 
     def run(self) -> int:
         """Serve until Ctrl-C."""
-        _require_libraries("foxglove", "foxglove", "websockets", "rosbags")
+        require_libraries("foxglove", "foxglove", "websockets", "rosbags")
         from ninedtact.atomic_write import write_file_atomically
         from ninedtact.interop.foxglove import FoxgloveServer, foxglove_layout
         from ninedtact.interop.ros2_topics_and_messages import SensorMessages
@@ -275,7 +274,7 @@ class Serve:
 
     def run(self) -> int:
         """Serve until Ctrl-C."""
-        _require_libraries("stream", "websockets")
+        require_libraries("stream", "websockets")
         from ninedtact.interop.reading_stream import ReadingServer
 
         require_duration(self.shared.seconds)
@@ -284,24 +283,12 @@ class Serve:
             ReadingServer(folder.id, self.host, self.port, self.tcp_port, self.allow_origin) as server,
             stop_on_signal(self.shared.seconds) as until,
         ):
-            addresses = {"websocket": server.websocket_address, "tcp": server.tcp_address, "token": server.guard.token}
+            websocket = server.guard.websocket_address(server.port)
+            addresses = {"websocket": websocket, "tcp": server.tcp_address, "token": server.guard.token}
             print(f"{live.sensor.source.name}: {json.dumps(addresses)}; Ctrl-C ends", flush=True)
             served = server.serve(live.sensor, lambda: until.now, print_notice)
         print(f"stopped after {served} readings")
         return 0
-
-
-def _require_libraries(extra: str, *names: str) -> None:
-    """Raise `MissingLibraryError` where the libraries of an extra are not installed, or in another version than declared."""
-    absent = [name for name in names if find_spec(name) is None]
-    if absent:
-        raise MissingLibraryError(
-            expected=f"{' and '.join(names)}, which this command needs",
-            got=f"no {' and no '.join(absent)}",
-            remedy=f"run {installation_command(extra)}",
-        )
-    if other := find_incompatible_library(extra):
-        raise MissingLibraryError(f"{other}; run {installation_command(extra)}")
 
 
 @contextmanager

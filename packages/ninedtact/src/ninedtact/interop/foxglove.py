@@ -10,7 +10,6 @@ The server of foxglove-sdk answers every website that is open in a browser on th
 front before it passes on what the guard of the live page accepts (`live.socket_guard`).
 """
 
-import asyncio
 import json
 from collections.abc import Callable
 from time import monotonic_ns
@@ -22,7 +21,7 @@ import numpy as np
 from foxglove import messages as fox
 from jaxtyping import Float64
 from numpy import ndarray as Array
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.server import ServerConnection
 from websockets.typing import Subprotocol
 
@@ -35,9 +34,9 @@ from ninedtact.interop.ros2_topics_and_messages import (
     TF_TYPE,
     SensorMessages,
 )
-from ninedtact.interop.sensor_sharing import SensorMoment, ServerThread, port_errors
+from ninedtact.interop.sensor_sharing import SensorMoment, ServerThread
 from ninedtact.live.sensor_poller import SensorPhase
-from ninedtact.live.socket_guard import SocketGuard, hidden_loopback_address
+from ninedtact.live.socket_guard import SocketGuard, hidden_loopback_address, port_errors, relay
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.topics_and_messages import Topic, message_definition
@@ -83,7 +82,7 @@ class FoxgloveServer:
     @property
     def address(self) -> str:
         """Address to open in Foxglove, with the token."""
-        return self.guard.page_address(self.port).replace("http://", "ws://", 1)
+        return self.guard.websocket_address(self.port)
 
     def __enter__(self) -> "FoxgloveServer":
         self._host = hidden_loopback_address()
@@ -108,28 +107,26 @@ class FoxgloveServer:
         self._server.stop()
 
     async def _listen(self) -> None:
-        options: dict[str, Any] = {"subprotocols": SUBPROTOCOLS, "compression": None}  # which takes longer than sending
-        with port_errors(self.guard.host, self.port, "--port"):
+        with port_errors(self.guard.host, self.port, "readings"):
             guarded = self.guard.serve(
                 self._connect,
                 self.guard.host,
                 self.port,
                 is_expected=lambda message: isinstance(message, str),
-                **options,
+                subprotocols=SUBPROTOCOLS,
+                compression=None,  # which takes longer than sending
             )
             front = await self._thread.servers.enter_async_context(guarded)
         self.port = next(iter(front.sockets)).getsockname()[1]
 
     async def _connect(self, client: ServerConnection) -> None:
         """Pass the messages of a client on to the server, and those of the server to the client, until one of them ends."""
-        address = f"ws://{self._host}:{self._server.port}"
-        options: dict[str, Any] = {"compression": None, "max_size": None, "max_queue": 1, "ping_interval": None}
-        async with connect(address, subprotocols=SUBPROTOCOLS[:1], proxy=None, **options) as server:
-            both = [asyncio.create_task(_pass_on(client, server)), asyncio.create_task(_pass_on(server, client))]
-            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
-            for one in both:
-                one.cancel()
-            await asyncio.gather(*both, return_exceptions=True)
+
+        async def pass_to_server(server: ClientConnection) -> None:
+            async for message in client:
+                await server.send(message)
+
+        await relay(client, f"ws://{self._host}:{self._server.port}", SUBPROTOCOLS[0], pass_to_server)
 
     def publish(self, moment: SensorMoment) -> None:
         """Send the new reading of a sensor, and log why there is none; a client that is too slow misses messages."""
@@ -177,12 +174,6 @@ class _NewSubscriptions(foxglove.websocket.ServerListener):  # type: ignore[misc
     def on_subscribe(self, client: Any, channel: Any) -> None:
         """Report a topic."""
         self._on_topic(channel.topic)
-
-
-async def _pass_on(source: ServerConnection | ClientConnection, target: ServerConnection | ClientConnection) -> None:
-    """Send what arrives from one side to the other, no faster than it is taken."""
-    async for message in source:
-        await target.send(message)
 
 
 def encode_wrench_with_errors(reading: Reading) -> dict[str, Any] | None:

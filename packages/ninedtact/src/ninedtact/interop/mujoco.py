@@ -11,7 +11,6 @@ needs to resist with MuJoCo's friction. Where the friction of the scene is exhau
 from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +18,14 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact._version import find_incompatible_library, installation_command
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
-from ninedtact.errors import MissingLibraryError, SimulationError
+from ninedtact.errors import SimulationError
 from ninedtact.interop.geom_undersides import CompoundIndenter, Solid, Vector
 from ninedtact.interop.mujoco_contacts import BodyContact, MujocoScene
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import BgrImage, Frame, HeightMap, Wrench
+from ninedtact.required_libraries import require_libraries
 from ninedtact.simulation.ground_truth import true_height_map
 from ninedtact.simulation.twin import Press, Twin
 
@@ -48,17 +47,6 @@ _SLIPS_FROM = 0.98
 """Part of the largest friction from which a body counts as sliding."""
 _SOLVES_PER_STEP = 2
 HEIGHT_PITCH_MM = 0.2
-
-
-def require_mujoco(*packages: str) -> None:
-    """Raise `MissingLibraryError` unless MuJoCo and these packages are installed, in versions that are declared."""
-    absent = [name for name in ("mujoco", *packages) if find_spec(name) is None]
-    if absent:
-        raise MissingLibraryError(
-            expected=f"{' and '.join(absent)}", got="no such package", remedy=f"run {installation_command('mujoco')}"
-        )
-    if other := find_incompatible_library("mujoco"):
-        raise MissingLibraryError(f"{other}; run {installation_command('mujoco')}")
 
 
 @dataclass(frozen=True)
@@ -142,7 +130,7 @@ class TactileSensor(FrameSource):
     _scene_wrench: Wrench = field(default_factory=lambda: Wrench(np.zeros(3), np.zeros(3)), init=False, repr=False)
 
     def __post_init__(self) -> None:
-        require_mujoco()
+        require_libraries("mujoco", "mujoco")
         self.name = f"twin on MuJoCo body {self.body}"
         self._scene = MujocoScene.of_sensor(self.model, self.data, self.body, self.geom)
 

@@ -12,10 +12,8 @@ import base64
 import hmac
 import itertools
 import json
-from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from functools import cached_property, partial
 from time import monotonic_ns
 from types import TracebackType
@@ -29,9 +27,9 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from ninedtact.interop.sensor_sharing import ServerThread, port_errors, watch_sensor
+from ninedtact.interop.sensor_sharing import ServerThread, watch_sensor
 from ninedtact.live.sensor_poller import SensorPhase, SensorSnapshot
-from ninedtact.live.socket_guard import SocketGuard
+from ninedtact.live.socket_guard import SocketGuard, port_errors
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
@@ -173,40 +171,21 @@ class _ClientQueue:
     """The messages that wait for one client; where too many wait, the oldest are missed."""
 
     def __init__(self) -> None:
-        self._waiting: deque[_SharedMessage] = deque()
-        self._missed, self._arrived = 0, asyncio.Event()
+        self._waiting: asyncio.Queue[_SharedMessage] = asyncio.Queue(_QUEUED_READINGS)
+        self._missed = 0
 
     def add(self, message: _SharedMessage) -> None:
         """Queue a message; where too many wait, the oldest is missed."""
-        if len(self._waiting) == _QUEUED_READINGS:
-            self._missed += isinstance(self._waiting.popleft().source, Reading)
-        self._waiting.append(message)
-        self._arrived.set()
+        if self._waiting.full():
+            self._missed += isinstance(self._waiting.get_nowait().source, Reading)
+        self._waiting.put_nowait(message)
 
-    async def arrivals(self) -> AsyncIterator[tuple[_SharedMessage, int]]:
-        """Yield messages without end, each reading with the number of those that this client missed before it."""
-        while True:
-            await self._arrived.wait()
-            while self._waiting:
-                message = self._waiting.popleft()
-                missed = self._missed if isinstance(message.source, Reading) else 0
-                self._missed -= missed
-                yield message, missed
-            self._arrived.clear()
-
-
-@dataclass
-class _TcpClient:
-    """A TCP connection."""
-
-    task: "asyncio.Task[None]"
-    reader: asyncio.StreamReader
-    has_request: bool = False
-
-    @property
-    def gives_way(self) -> bool:
-        """Whether it ends where another needs its place: it has sent no request yet, or ended its side, and may have left."""
-        return not self.has_request or self.reader.at_eof()
+    async def next_message(self, images: ImageFormat) -> bytes:
+        """Wait for the next message, a reading with the number of those that this client missed before it."""
+        message = await self._waiting.get()
+        missed = self._missed if isinstance(message.source, Reading) else 0
+        self._missed -= missed
+        return message.encode(images, missed)
 
 
 class ReadingServer:
@@ -221,15 +200,10 @@ class ReadingServer:
         """Ports of WebSocket and TCP; those in use, once the server is open."""
         self._sensor = sensor
         self._queues = set[_ClientQueue]()
-        self._clients: list[_TcpClient] = []
+        self._tcp_tasks = set["asyncio.Task[None]"]()
         self._status: _SharedMessage | None = None
         """The status while the sensor does not simply read."""
         self._thread = ServerThread("serve readings")
-
-    @property
-    def websocket_address(self) -> str:
-        """Address for WebSocket clients, with the token."""
-        return self.guard.page_address(self.port).replace("http://", "ws://", 1)
 
     @property
     def tcp_address(self) -> str:
@@ -270,21 +244,22 @@ class ReadingServer:
 
     async def _listen(self) -> None:
         host, servers = self.guard.host, self._thread.servers
-        with port_errors(host, self.port, "--port"):
+        with port_errors(host, self.port, "readings"):
             guarded = self.guard.serve(
                 self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request
             )
             websocket = await servers.enter_async_context(guarded)
-        with port_errors(host, self.tcp_port, "--tcp-port"):
+        with port_errors(host, self.tcp_port, "readings", "--tcp-port"):
             tcp = await asyncio.start_server(self._feed_tcp, host, self.tcp_port, limit=_REQUEST_BYTES)
-            await servers.enter_async_context(_closing(tcp))
-        servers.callback(self._end_clients)
+            servers.callback(self._end_tcp, tcp)
         self.port = next(iter(websocket.sockets)).getsockname()[1]
         self.tcp_port = tcp.sockets[0].getsockname()[1]
 
-    def _end_clients(self) -> None:
-        for client in self._clients:
-            client.task.cancel()
+    def _end_tcp(self, server: asyncio.Server) -> None:
+        """Close the TCP server and end its clients."""
+        server.close()
+        for task in self._tcp_tasks:
+            task.cancel()
 
     def _distribute(self, source: Reading | SensorSnapshot) -> None:
         message = _SharedMessage(source, self._sensor)
@@ -301,8 +276,8 @@ class ReadingServer:
         if self._status is not None:
             queue.add(self._status)
         try:
-            async for message, missed in queue.arrivals():
-                await send(message.encode(images, missed))
+            while True:
+                await send(await queue.next_message(images))
         finally:
             self._queues.discard(queue)
 
@@ -323,7 +298,6 @@ class ReadingServer:
         """Answer a TCP client: a request of one line, then readings; an error line where the request is refused."""
         task = asyncio.current_task()
         assert task is not None
-        client = _TcpClient(task, reader)
 
         async def send(line: bytes) -> None:
             writer.write(line + b"\n")
@@ -331,36 +305,27 @@ class ReadingServer:
                 await writer.drain()
 
         try:
-            request = await self._tcp_request(reader) if self._admit(client) else self._one_too_many()
+            request = await self._tcp_request(reader)
+            if len(self._tcp_tasks) >= self.guard.limits.clients:
+                request = StreamedError(
+                    f"expected at most {self.guard.limits.clients} clients, got one more; close others"
+                )
             if isinstance(request, StreamedError):
                 await send(msgspec.json.encode(request))
                 writer.close()
             else:
-                client.has_request = True
+                self._tcp_tasks.add(task)
                 await self._feed(request.images, send)
-        except (OSError, TimeoutError):  # the client has left, or does not read
-            pass
-        except asyncio.CancelledError:  # the server ends, or another client needs the place
+        except (
+            OSError,
+            TimeoutError,
+            asyncio.CancelledError,
+        ):  # the client has left or does not read, or the server ends
             pass
         finally:
-            if client in self._clients:
-                self._clients.remove(client)
+            self._tcp_tasks.discard(task)
             if not writer.is_closing():
                 writer.transport.abort()
-
-    def _admit(self, client: _TcpClient) -> bool:
-        """Add a TCP client and return whether there was a place for it; the oldest that gives way makes one."""
-        if len(self._clients) >= self.guard.limits.clients:
-            oldest = next((each for each in self._clients if each.gives_way), None)
-            if oldest is None:
-                return False
-            self._clients.remove(oldest)
-            oldest.task.cancel()
-        self._clients.append(client)
-        return True
-
-    def _one_too_many(self) -> StreamedError:
-        return StreamedError(f"expected at most {self.guard.limits.clients} clients, got one more; close others")
 
     async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamedError:
         """Return the request of a TCP client, or why it is refused."""
@@ -398,10 +363,3 @@ def _asked_images(path: str) -> ImageFormat | None:
     query = parse_qs(urlsplit(path).query, keep_blank_values=True)
     images = query.pop("images", ["none"])[-1]
     return None if query or images not in get_args(ImageFormat) else cast("ImageFormat", images)
-
-
-@asynccontextmanager
-async def _closing(server: asyncio.Server) -> AsyncIterator[None]:
-    """Close a server at the end, without waiting for its clients."""
-    yield
-    server.close()

@@ -8,11 +8,10 @@ The publishing and the measuring thread wait for subscribers that stall; the sen
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from queue import Queue
-from threading import Event, Semaphore, Thread
+from threading import Event, Thread
 from time import monotonic, monotonic_ns
 from typing import Any
 
@@ -33,124 +32,18 @@ from ninedtact.interop.ros2_topics_and_messages import (
     encode_ros2_status,
 )
 from ninedtact.interop.sensor_sharing import watch_sensor
+from ninedtact.live.reading_recorder import ReadingRecorder, RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPoller, SensorSnapshot
-from ninedtact.quantities import Rectified, Wrench
+from ninedtact.quantities import Rectified
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
-from ninedtact.recording.metadata import RecordingMetadata, wall_time_ns
-from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
+from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.topics_and_messages import Topic
-from ninedtact.recording.writer import RecordingWriter
 from ninedtact.sensor import Sensor
 
 _STATUS_S = 1.0
 _REFERENCE_S = 1.0
 """Shortest time between two reference images, which may follow slow changes of light and gel."""
-_WAITING_READINGS = 128
-"""Readings that wait to be recorded at most: about 120 MB."""
-
-
-class _RunningRecording:
-    """A recording that a thread of its own writes, so that a slow disk delays neither the sensor nor subscribers."""
-
-    def __init__(self, writer: RecordingWriter) -> None:
-        """Create the file; raises `OutputError` or `RecordingStopped`."""
-        self.writer, self.trouble = writer, ""
-        """trouble: why nothing more is written, and what the file keeps; empty while there is no reason."""
-        self._waiting: Queue[Reading | Wrench | None] = Queue()
-        self._room = Semaphore(_WAITING_READINGS)
-        self._opened, self._kept = ExitStack(), list[str]()
-        self._opened.enter_context(notify_partial_recording(writer.path, self._kept.append))
-        self._opened.enter_context(writer)
-        self._thread = Thread(target=self._run, name=f"record {writer.path}", daemon=True)
-        self._thread.start()
-
-    def add(self, item: Reading | Wrench) -> None:
-        """Record a reading or a measured wrench; a reading is dropped, and counted by the writer, where too many wait."""
-        if not self.trouble and (isinstance(item, Wrench) or self._room.acquire(blocking=False)):
-            self._waiting.put(item)
-
-    def close(self) -> None:
-        """Write what waits and finish the file."""
-        self._waiting.put(None)
-        self._thread.join()
-
-    def _run(self) -> None:
-        try:
-            with self._opened:
-                while (item := self._waiting.get()) is not None:
-                    self._write(item)
-        except Exception as error:  # is published, and the sensor goes on
-            self.trouble = "; ".join([str(error), *self._kept])
-
-    def _write(self, item: Reading | Wrench) -> None:
-        if isinstance(item, Wrench):
-            self.writer.write_measured(item)
-        else:
-            self.writer.write_reading(item)
-            self._room.release()
-
-
-@dataclass
-class ReadingRecorder:
-    """Records a sensor's readings and measured wrenches between the commands start and stop, one recording at a time."""
-
-    messages: SensorMessages
-    source: str
-    """Where the images come from, in words."""
-    force_torque: str
-    """Where the measured wrenches come from, in words; empty where there are none."""
-    out: Path
-    """Folder of recordings; a command names files in it, not paths."""
-    trouble: str = field(default="", init=False)
-    """Why the last recording ended by itself, and what it keeps; empty where it did not."""
-    _running: _RunningRecording | None = field(default=None, init=False)
-
-    @property
-    def writer(self) -> RecordingWriter | None:
-        """The writer of the recording that is being made."""
-        return None if self._running is None else self._running.writer
-
-    def add(self, item: Reading | Wrench) -> None:
-        """Hand a reading or a measured wrench to the recording that is being made; called in the thread that has it."""
-        running = self._running
-        if running is not None:
-            running.add(item)
-
-    def start(self, name: str = "") -> str:
-        """Begin a recording and say so in a sentence; raises `InputError` and what creating the file raises."""
-        if self.writer is not None:
-            raise InputError(expected="no recording in progress", got=f"{self.writer.path}", remedy="stop it first")
-        name = name or f"{self.messages.name}_{wall_time_ns(monotonic_ns())}"
-        if Path(name).name != name or name.startswith(".") or not name.isprintable():
-            raise InputError(
-                expected="the printable name of a recording without a folder", got=f"{name!r}", remedy="leave it out"
-            )
-        self.out.mkdir(parents=True, exist_ok=True)
-        path = self.out / f"{name.removesuffix('.mcap')}.mcap"
-        metadata = RecordingMetadata("", "ros2", self.source, self.force_torque)
-        writer = new_reading_writer(path, self.messages.folder, metadata, bool(self.force_torque), True)
-        self._running, self.trouble = _RunningRecording(writer), ""
-        return f"recording to {path}"
-
-    def end_if_failed(self) -> bool:
-        """End a recording that could not be continued, as on a full disk, and return whether there was one."""
-        running = self._running
-        if running is None or not running.trouble:
-            return False
-        self._running, self.trouble = None, running.trouble
-        running.close()
-        return True
-
-    def stop(self) -> str:
-        """Finish the recording; return a sentence about it, or nothing where there was none. Raises `RecordingStopped`."""
-        running, self._running = self._running, None
-        if running is None:
-            return ""
-        running.close()
-        if running.trouble:
-            raise RecordingStopped(running.trouble)
-        return f"{running.writer.path}: {running.writer.written[Topic.IMAGES]} images, {running.writer.dropped} dropped"
 
 
 @dataclass
@@ -176,6 +69,8 @@ class SensorOnRos2:
     published: int = field(default=0, init=False)
     """Readings published."""
     _recorder: ReadingRecorder = field(init=False)
+    _recording_trouble: str = field(default="", init=False)
+    """Why the last recording ended by itself, and what it keeps; empty where it did not."""
     _reference: Rectified | None = field(default=None, init=False, repr=False)
     """The reference image that was published last, and when, in s."""
     _reference_at: float = field(default=-_REFERENCE_S, init=False)
@@ -184,7 +79,8 @@ class SensorOnRos2:
 
     def __post_init__(self) -> None:
         meaning = "" if self.measured is None else self.measured_meaning or self.measured.name
-        self._recorder = ReadingRecorder(self.messages, self.sensor.source.name, meaning, self.out)
+        recorded = RecordedSensorMetadata(self.messages.folder, self.sensor.source.name, meaning, has_estimates=True)
+        self._recorder = ReadingRecorder([recorded], self.out, "ros2")
         make = self.participant.writer
         self._writers = {
             topic: make(self.messages.path(topic), LIVE_TOPICS[topic][0], profile)
@@ -207,9 +103,10 @@ class SensorOnRos2:
                         self.publish(moment.new_reading)
                     for command in self._commands.take():
                         self._write_status(now, **self._obey(command, moment.poller))
-                    has_recording_failed = self._recorder.end_if_failed()
+                    trouble, self._recording_trouble = self._recording_trouble, self._recorder.state().trouble
+                    has_recording_failed = bool(self._recording_trouble) and self._recording_trouble != trouble
                     if has_recording_failed:
-                        self.notify(self._recorder.trouble)
+                        self.notify(self._recording_trouble)
                     if has_recording_failed or moment.has_changed or monotonic() - status_at > _STATUS_S:
                         status_at = monotonic()
                         self._write_status(now, read_hz=round(now.read_hz, 1))
@@ -280,25 +177,46 @@ class SensorOnRos2:
             poller.take_reference()
             return "the next images are the reference; nothing may touch the gel"
         if word == "start_recording":
-            return self._recorder.start(argument)
+            return self._start_recording(argument)
         if word == "stop_recording":
-            return self._recorder.stop() or "nothing was being recorded"
+            return self._stop_recording()
         raise InputError(
             expected="take_reference, start_recording [NAME] or stop_recording",
             got=f"{word!r}",
             remedy="send one of them",
         )
 
+    def _start_recording(self, name: str) -> str:
+        """Begin a recording and say so in a sentence; raises `InputError` and what creating the file raises."""
+        state = self._recorder.state()
+        if state.is_running:
+            raise InputError(expected="no recording in progress", got=f"{state.path}", remedy="stop it first")
+        name = name or f"{self.messages.name}_{wall_time_ns(monotonic_ns())}"
+        if Path(name).name != name or name.startswith(".") or not name.isprintable():
+            raise InputError(
+                expected="the printable name of a recording without a folder", got=f"{name!r}", remedy="leave it out"
+            )
+        return f"recording to {self._recorder.start(name.removesuffix('.mcap'))}"
+
+    def _stop_recording(self) -> str:
+        """Finish the recording and return a sentence about it; raises `RecordingStopped`."""
+        if not self._recorder.state().is_running:
+            return "nothing was being recorded"
+        state = self._recorder.stop()
+        if state.trouble:
+            raise RecordingStopped(state.trouble)
+        return f"{state.path}: {state.images} images, {state.dropped} dropped"
+
     def _write_status(self, now: SensorSnapshot, **fields: Any) -> None:
-        writer = self._recorder.writer
+        recording = self._recorder.state()
         state = {
             "sensor": self.messages.name,
             "phase": now.phase_text(monotonic_ns()),
             "trouble": now.trouble_sentence,
             "published": self.published,
             "dropped": sum(writer.dropped for writer in self._writers.values()),
-            "recording": None if writer is None else str(writer.path),
-            "recording_trouble": self._recorder.trouble,
+            "recording": str(recording.path) if recording.is_running else None,
+            "recording_trouble": recording.trouble,
             "camera_info_residual_px": round(self.messages.camera.residual_px, 3),
         }
         self._writers[STATUS].write(encode_ros2_status({**state, **fields}))

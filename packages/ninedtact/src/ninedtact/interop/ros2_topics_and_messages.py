@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Float64, UInt8
+from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 from rosbags.serde import SerdeError
 
@@ -153,14 +153,10 @@ def fit_pinhole_camera(rectification: Rectification, distance_mm: float) -> Fitt
 
 def _project(plane: Float64[Array, "n 2"], parameters: Float64[Array, "9"], unit_px: float) -> Float64[Array, "n 2"]:
     """Return the pixels of points at unit distance: scale, centre, roll, then k1, k2, p1, p2, k3; lengths in `unit_px`."""
-    scale, u, v, roll, k1, k2, p1, p2, k3 = parameters
-    x = np.cos(roll) * plane[:, 0] - np.sin(roll) * plane[:, 1]
-    y = np.sin(roll) * plane[:, 0] + np.cos(roll) * plane[:, 1]
-    squared = x * x + y * y
-    growth = 1 + squared * (k1 + squared * (k2 + squared * k3))
-    along_x = x * growth + 2 * p1 * x * y + p2 * (squared + 2 * x * x)
-    along_y = y * growth + p1 * (squared + 2 * y * y) + 2 * p2 * x * y
-    return np.stack([scale * along_x + u, scale * along_y + v], 1) * unit_px
+    scale, u, v, roll = parameters[:4] * (unit_px, unit_px, unit_px, 1.0)
+    matrix, points = np.array([[scale, 0, u], [0, scale, v], [0, 0, 1]]), np.column_stack([plane, np.zeros(len(plane))])
+    pixels = cv2.projectPoints(points, np.array([0.0, 0.0, roll]), np.array([0.0, 0.0, 1.0]), matrix, parameters[4:])[0]
+    return np.asarray(pixels[:, 0])
 
 
 @dataclass(frozen=True)
@@ -201,19 +197,26 @@ class SensorMessages:
 
         wall_ns: wall time of the reading's image, which is the stamp of all messages.
         """
-        encoders: dict[str, Callable[[Reading, int], bytes | None]] = {
-            Topic.IMAGES: lambda reading, at: encode_image(reading.image, at, frame=self.frame("camera_optical")),
-            COMPRESSED: lambda reading, at: self._compressed_image(reading.image, at),
-            CAMERA_INFO: lambda reading, at: self.encode_camera_info(at),
-            Topic.HEIGHTS: self._height,
-            POINTS: self._points,
-            Topic.ESTIMATED: self._wrench,
-            Topic.COVARIANCE: lambda reading, at: (
-                encode_covariance(reading.force.about_skin_centre().covariance) if reading.force else None
+        skin, camera = self.frame("skin"), self.frame("camera_optical")
+        centred = None if reading.force is None else reading.force.about_skin_centre()
+        encoders: dict[str, Callable[[], bytes | None]] = {
+            Topic.IMAGES: lambda: encode_image(reading.image, wall_ns, frame=camera),
+            COMPRESSED: lambda: encode_message(
+                _COMPRESSED_TYPE,
+                header=message_header(wall_ns, camera),
+                format="bgr8; jpeg compressed bgr8",
+                data=cv2.imencode(".jpg", reading.image)[1].reshape(-1),
             ),
-            Topic.WARNINGS: self._warnings,
+            CAMERA_INFO: lambda: self.encode_camera_info(wall_ns),
+            Topic.HEIGHTS: lambda: encode_height(reading.height.visible_z_mm, wall_ns, frame=skin),
+            POINTS: lambda: self._points(reading, wall_ns),
+            Topic.ESTIMATED: lambda: None if centred is None else encode_wrench(centred.wrench, wall_ns, skin),
+            Topic.COVARIANCE: lambda: None if centred is None else encode_covariance(centred.covariance),
+            Topic.WARNINGS: lambda: (
+                encode_warnings_as_diagnostics(reading.warnings, self.name, wall_ns, skin) if reading.warnings else None
+            ),
         }
-        messages = {topic: encode(reading, wall_ns) for topic, encode in encoders.items() if topic in topics}
+        messages = {topic: encode() for topic, encode in encoders.items() if topic in topics}
         return {topic: message for topic, message in messages.items() if message is not None}
 
     def encode_camera_info(self, wall_ns: int) -> bytes:
@@ -250,14 +253,6 @@ class SensorMessages:
 
         return encode_message(TF_TYPE, transforms=[transform(child) for child in self.child_frames])
 
-    def _compressed_image(self, image: UInt8[Array, "rows cols 3"], wall_ns: int) -> bytes:
-        jpeg = cv2.imencode(".jpg", image)[1].reshape(-1)
-        stamped = message_header(wall_ns, self.frame("camera_optical"))
-        return encode_message(_COMPRESSED_TYPE, header=stamped, format="bgr8; jpeg compressed bgr8", data=jpeg)
-
-    def _height(self, reading: Reading, wall_ns: int) -> bytes:
-        return encode_height(reading.height.visible_z_mm, wall_ns, frame=self.frame("skin"))
-
     def point_values(self, reading: Reading) -> Float32[Array, "n 7"]:
         """Return `POINT_FIELDS` of every point: metres, outward unit normal, and the grey level of the rectified image."""
         every = (slice(None, None, self.points_every),) * 2
@@ -290,14 +285,6 @@ class SensorMessages:
     def encode_reference(self, reference: Rectified, wall_ns: int) -> bytes:
         """Return the message of the rectified reference image against which heights are computed from this time on."""
         return encode_reference_grey(reference.grey, wall_ns, self.frame("skin"))
-
-    def _wrench(self, reading: Reading, wall_ns: int) -> bytes | None:
-        return None if reading.wrench is None else encode_wrench(reading.wrench, wall_ns, self.frame("skin"))
-
-    def _warnings(self, reading: Reading, wall_ns: int) -> bytes | None:
-        if not reading.warnings:
-            return None
-        return encode_warnings_as_diagnostics(reading.warnings, self.name, wall_ns, self.frame("skin"))
 
 
 def encode_ros2_status(fields: Mapping[str, Any]) -> bytes:

@@ -1,15 +1,13 @@
 """What `ros2`, `foxglove` and `serve` share: the sensor thread that they watch, and a thread in which servers run."""
 
 import asyncio
-import errno
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import AsyncExitStack, contextmanager
+from contextlib import AsyncExitStack
 from threading import Thread
 from time import monotonic_ns
 from typing import Any, NamedTuple
 
-from ninedtact.errors import DeviceError
-from ninedtact.live.sensor_poller import SensorOutageNotifier, SensorPhase, SensorPoller, SensorSnapshot
+from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
 
@@ -38,15 +36,21 @@ def watch_sensor(
     notify: receives a sentence where no readings arrive any more, and where they do again. on_reading: is called in the sensor
     thread with every reading; who takes the newest one at each moment never delays the sensor. Raises what the sensor raises.
     """
-    last, watch = None, SensorOutageNotifier(notify)
+    last: Reading | None = None
+    before: tuple[SensorPhase, type] = SensorPhase.READING, type(None)
     with SensorPoller(sensor, on_reading) as poller:
         while not should_stop():
             poller.wait_for_change(_POLL_S)
             now = poller.snapshot(monotonic_ns())
             if now.phase is SensorPhase.FAILED and now.trouble is not None:
                 raise now.trouble
-            yield SensorMoment(poller, now, None if now.reading is last else now.reading, watch.has_changed(now))
-            last = now.reading
+            state = now.phase, type(now.trouble)
+            if state != before and now.trouble is not None:
+                notify(now.trouble_sentence)
+            elif state != before and before[1] is not type(None):
+                notify("readings arrive again")
+            yield SensorMoment(poller, now, None if now.reading is last else now.reading, state != before)
+            last, before = now.reading, state
             if now.phase is SensorPhase.ENDED:
                 return
 
@@ -78,17 +82,3 @@ class ServerThread:
 
     def _call(self, work: Coroutine[Any, Any, None]) -> None:
         asyncio.run_coroutine_threadsafe(work, self.loop).result()
-
-
-@contextmanager
-def port_errors(host: str, port: int, option: str) -> Iterator[None]:
-    """Raise `DeviceError` where a port cannot be listened on."""
-    try:
-        yield
-    except (OSError, OverflowError) as trouble:
-        got = "one in use" if getattr(trouble, "errno", 0) == errno.EADDRINUSE else f"'{trouble}'"
-        raise DeviceError(
-            expected=f"port {port} on {host} to be free for readings",
-            got=f"{got}",
-            remedy=f"choose another with {option}, or a host of this machine with --host",
-        ) from trouble

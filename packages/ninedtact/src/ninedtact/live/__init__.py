@@ -3,5 +3,6 @@
     sensor thread:  Sensor ──read──▶ newest SensorSnapshot          as fast as images arrive (`sensor_poller`)
     force threads:  WrenchSource ──read──▶ WrenchHistory            one for each source (`wrench_history`)
 
-`socket_guard` says who may connect to a server of readings, and how much its clients may cost.
+`reading_recorder` records what these threads read. `socket_guard` says who may connect to a server of readings, and how much its
+clients may cost.
 """

@@ -61,22 +61,6 @@ class RateMeter:
             self._ticks.popleft()
 
 
-class _IndentationHistory:
-    """The maximum indentation of every reading of the last `HISTORY_S` seconds."""
-
-    def __init__(self) -> None:
-        self._kept = np.zeros((2, 0))
-
-    def add(self, at_ns: int, indentation_mm: float) -> None:
-        """Append the maximum indentation of one reading."""
-        recent = self._kept[:, at_ns - self._kept[0] <= HISTORY_S * NS_PER_S]
-        self._kept = np.column_stack([recent, (at_ns, indentation_mm)])
-
-    def until(self, now_ns: int) -> Float64[Array, "2 n"]:
-        """Return seconds before now (negative) and indentations in mm."""
-        return np.stack([(self._kept[0] - now_ns) / NS_PER_S, self._kept[1]])
-
-
 class SensorPhase(Enum):
     """The state of the sensor thread."""
 
@@ -121,25 +105,6 @@ class SensorSnapshot:
         return self.phase.value
 
 
-class SensorOutageNotifier:
-    """Notices when a sensor begins or ceases to deliver readings. notify: receives a sentence about it, for a terminal."""
-
-    def __init__(self, notify: Callable[[str], None]) -> None:
-        self._notify = notify
-        self._last: tuple[SensorPhase, type] = SensorPhase.READING, type(None)
-
-    def has_changed(self, now: SensorSnapshot) -> bool:
-        """Return whether phase or kind of trouble is another than at the last call, at first than that of a sensor that reads."""
-        before, self._last = self._last, (now.phase, type(now.trouble))
-        if self._last == before:
-            return False
-        if now.trouble is not None:
-            self._notify(now.trouble_sentence)
-        elif before[1] is not type(None):
-            self._notify("readings arrive again")
-        return True
-
-
 class SensorPoller:
     """Reads a sensor in its own thread while it is open (`with`); its source should be a `LatestFrameSource`.
 
@@ -156,7 +121,8 @@ class SensorPoller:
         self._phase = SensorPhase.READING
         self._trouble: BaseException | None = None
         self._reading: Reading | None = None
-        self._history, self._delivered, self._read = _IndentationHistory(), RateMeter(), RateMeter()
+        self._history, self._delivered, self._read = np.zeros((2, 0)), RateMeter(), RateMeter()
+        """history: stamps in ns and maximum indentations in mm of the readings of the last `HISTORY_S` seconds."""
         self._lock = Lock()
         self._closing, self._reference_wanted, self._changed = Event(), Event(), Event()
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
@@ -175,7 +141,7 @@ class SensorPoller:
                 self._heard_ns,
                 self._delivered.hz(now_ns),
                 self._read.hz(now_ns),
-                self._history.until(until_ns),
+                np.stack([(self._history[0] - until_ns) / NS_PER_S, self._history[1]]),
                 self._trouble,
                 0 if arrival is None else arrival.stamp_ns,
                 source.is_live and not source.is_simulated,
@@ -250,7 +216,8 @@ class SensorPoller:
             self._phase, self._trouble, self._reading = SensorPhase.READING, None, reading
             self._delivered.tick(arrived_ns, reading.frame.index)
             self._read.tick(arrived_ns, self.sensor.frames_read)
-            self._history.add(arrived_ns, deepest_mm)
+            recent = self._history[:, arrived_ns - self._history[0] <= HISTORY_S * NS_PER_S]
+            self._history = np.column_stack([recent, (arrived_ns, deepest_mm)])
         self._changed.set()
 
     def _after(self, end: SourceEnded) -> tuple[SensorPhase, BaseException | None]:

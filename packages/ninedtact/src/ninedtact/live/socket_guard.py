@@ -4,22 +4,23 @@ Browsers let every website send requests to servers on the same computer and net
 and, where the browser states it, a website (`Origin`) that belong to the server; the first closes DNS rebinding, the second
 cross-site WebSockets. On a network the path must also begin with the random token of the printed address.
 
-`SocketGuard.serve` takes the place of `websockets.serve`. The live page is served by viser behind such a server.
+`SocketGuard.serve` takes the place of `websockets.serve`. A server that has no guard of its own listens at a
+`hidden_loopback_address` behind such a front, which passes on what it accepts (`relay`).
 """
 
 import asyncio
 import ctypes
+import errno
 import gc
 import hmac
 import logging
 import re
 import socket
 from collections import deque
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from http import HTTPStatus
 from inspect import isawaitable
 from ipaddress import ip_address
 from pathlib import Path
@@ -28,11 +29,12 @@ from traceback import extract_tb
 from typing import Any
 from urllib.parse import urlsplit
 
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
-from websockets.protocol import State
 
-from ninedtact.errors import InputError
+from ninedtact.errors import DeviceError, InputError
 
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 _TOKEN_BYTES = 16
@@ -43,11 +45,9 @@ _NO_ORIGIN = (
     "python -m http.server 5500, open http://localhost:5500, and start this program with --allow-origin http://localhost:5500"
 )
 _RELEASE_AFTER_S = 1.0
-"""Time from the departure of a client to the release of its memory, so that a crowd that leaves is one release."""
+"""Time from the departure of the last client to the release of memory."""
 _CLOSE_S = 1.0
 """Time for a client to answer the end of its connection."""
-_OPENING_PER_CLIENT = 4
-"""Connections without a finished handshake for each client that may be connected; a browser opens a few in advance."""
 
 MessageTest = Callable[[str | bytes], bool]
 RequestHandler = Callable[[ServerConnection, Request], Response | Awaitable[Response | None] | None]
@@ -93,6 +93,10 @@ class SocketGuard:
         """Return the address to open in a browser, with the token."""
         host = _outward_address(self.host) if _is_wildcard(self.host) else self.host
         return f"http://{_bracket(host)}:{port}" + (f"/{self.token}/" if self.token else "")
+
+    def websocket_address(self, port: int) -> str:
+        """Return the address for WebSocket clients, with the token."""
+        return self.page_address(port).replace("http://", "ws://", 1)
 
     def own_hosts(self, local_address: str, port: int) -> set[str]:
         """Return the values of the `Host` header that name this server.
@@ -140,7 +144,7 @@ class SocketGuard:
             "process_request": partial(self._answer_request, process_request),
             "max_size": self.limits.message_bytes,
             "logger": one_line_logger(),
-            "create_connection": partial(GuardedConnection, self.limits, is_expected, _MemoryRelease()),
+            "create_connection": partial(GuardedConnection, self.limits, is_expected),
         }
         return serve(handler, host, port, **options)
 
@@ -183,22 +187,13 @@ class SocketGuard:
 class GuardedConnection(ServerConnection):
     """A connection that drops unexpected messages and ends with a client that floods it or does not read."""
 
-    def __init__(
-        self, limits: SocketLimits, is_expected: MessageTest, memory: "_MemoryRelease", *args: Any, **options: Any
-    ) -> None:
+    def __init__(self, limits: SocketLimits, is_expected: MessageTest, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
-        self._limits, self._is_expected, self._memory = limits, is_expected, memory
+        self._limits, self._is_expected = limits, is_expected
+        self.sent = 0
+        """Number of messages that do not wait on their way to the client any more."""
         self._second, self._events_in_second, self._has_dropped = 0.0, 0, False
         self._unanswered: deque[Awaitable[float]] = deque()
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin; of too many without a finished handshake the oldest ends, so that idle ones keep nobody out."""
-        super().connection_made(transport)
-        begun = [
-            one for one in self.server.handlers if one.state is State.CONNECTING and not one.transport.is_closing()
-        ]
-        if len(begun) > _OPENING_PER_CLIENT * self._limits.clients:
-            begun[0].transport.abort()
 
     def process_event(self, event: Any) -> None:
         """Handle one frame of the client, unless it sends too many."""
@@ -232,6 +227,7 @@ class GuardedConnection(ServerConnection):
                 await super().send(message, text)
                 if is_acknowledged:
                     self._unanswered.append(await self.ping())
+                self.sent += 1
         except TimeoutError:
             self._end(f"it did not read for {self._limits.send_timeout_s:g} s")
             await self.wait_closed()
@@ -245,10 +241,10 @@ class GuardedConnection(ServerConnection):
         self.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End, and give the memory of the client back."""
+        """End, and give memory back after the last client."""
         super().connection_lost(exc)
-        if self.response is not None and self.response.status_code == HTTPStatus.SWITCHING_PROTOCOLS:
-            self._memory.release_soon(self.loop)
+        if not self.server.connections:
+            self.loop.call_later(_RELEASE_AFTER_S, _release_memory)
 
     def _end(self, reason: str) -> None:
         """Disconnect a client at once."""
@@ -256,30 +252,56 @@ class GuardedConnection(ServerConnection):
         self.transport.abort()
 
 
-class _MemoryRelease:
-    """Gives the memory of departed clients back, once for a crowd that leaves."""
+def _release_memory() -> None:
+    """Collect what clients leave behind in reference cycles, and return free memory to the operating system."""
+    gc.collect()
+    with suppress(OSError, AttributeError, TypeError):  # only the GNU C library has it
+        ctypes.CDLL(None).malloc_trim(0)
 
-    def __init__(self) -> None:
-        self._timer: asyncio.TimerHandle | None = None
 
-    def release_soon(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Release unused memory when no client has left for a moment."""
-        if self._timer is not None:
-            self._timer.cancel()
-        self._timer = loop.call_later(_RELEASE_AFTER_S, self._release)
+async def relay(
+    client: ServerConnection,
+    address: str,
+    subprotocol: str,
+    to_server: Callable[[ClientConnection], Awaitable[None]],
+) -> None:
+    """Connect a client to the WebSocket server at an address behind this one, until one of them ends.
 
-    def _release(self) -> None:
-        """Collect what clients leave behind in reference cycles, and return free memory to the operating system."""
-        gc.collect()
-        with suppress(OSError, AttributeError, TypeError):  # only the GNU C library has it
-            ctypes.CDLL(None).malloc_trim(0)
+    to_server: passes the messages of the client on.
+    """
+    options: dict[str, Any] = {"compression": None, "max_size": None, "max_queue": 1, "ping_interval": None}
+    options |= {"subprotocols": [subprotocol], "proxy": None, "close_timeout": 0.1}
+
+    async def to_client(server: ClientConnection) -> None:
+        async for message in server:
+            await client.send(message)
+
+    async with connect(address, **options) as server:
+        both = [asyncio.ensure_future(to_server(server)), asyncio.ensure_future(to_client(server))]
+        _, running = await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+        for task in running:
+            task.cancel()
+        for result in await asyncio.gather(*both, return_exceptions=True):
+            if isinstance(result, Exception) and not isinstance(result, ConnectionClosed):
+                raise result
+
+
+@contextmanager
+def port_errors(host: str, port: int, what: str, option: str = "--port") -> Iterator[None]:
+    """Raise `DeviceError` where a port cannot be listened on; what: is served there."""
+    try:
+        yield
+    except (OSError, OverflowError) as trouble:
+        is_taken = getattr(trouble, "errno", 0) == errno.EADDRINUSE
+        raise DeviceError(
+            expected=f"port {port} on {host} to be free for {what}",
+            got="one in use" if is_taken else f"'{getattr(trouble, 'strerror', None) or trouble}'",
+            remedy=f"choose another with {option}, or a host of this machine with --host",
+        ) from trouble
 
 
 def hidden_loopback_address() -> str:
-    """Return a random one of the 16 million loopback addresses, which no website can guess; 127.0.0.1 where it is the only one.
-
-    A server that has no guard of its own listens there, behind a guarded one.
-    """
+    """Return a random one of the 16 million loopback addresses, which no website can guess; 127.0.0.1 where it is the only one."""
     address = f"127.{randbelow(254) + 1}.{randbelow(254) + 1}.{randbelow(254) + 1}"
     try:
         socket.create_server((address, 0)).close()

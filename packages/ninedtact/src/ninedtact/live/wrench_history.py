@@ -4,9 +4,8 @@ A `WrenchPoller` reads a force/torque sensor, or the true wrench of a twin, in a
 answers comes with its readings. Both fill a `WrenchHistory`, which the page reads.
 """
 
-from bisect import bisect_left
-from collections import deque
-from collections.abc import Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Event, Lock, Thread
@@ -23,9 +22,10 @@ from ninedtact.quantities import Wrench, WrenchEstimate
 
 MOST_HZ = 60.0
 """Number of samples kept per second, which is more than a person can see."""
-ROUNDING_NS = 1000
+_ROUNDING_NS = 1000
 """Time by which a sample may come before its turn: stamps are whole nanoseconds, and a step at `MOST_HZ` is not."""
-_UNKNOWN_STD = np.full(6, np.nan)
+UNKNOWN_STD = np.full(6, np.nan)
+"""The standard deviations of a wrench whose errors are not stated."""
 
 
 @dataclass(frozen=True)
@@ -85,26 +85,34 @@ class WrenchSourceSnapshot:
 
 
 class WrenchHistory:
-    """The last seconds of one source of wrenches; safe to fill and to read from different threads."""
+    """The last seconds of one source of wrenches, or all its samples; safe to fill and to read from different threads."""
 
-    def __init__(self, name: str, meaning: str, notices: tuple[str, ...] = (), states_errors: bool = False) -> None:
+    def __init__(
+        self,
+        name: str,
+        meaning: str,
+        notices: tuple[str, ...] = (),
+        states_errors: bool = False,
+        keeps_all: bool = False,
+    ) -> None:
+        """keeps_all: whether samples of a recording are kept, whose snapshots end with the time that is shown."""
         self.name, self.meaning, self.notices, self.states_errors = name, meaning, notices, states_errors
         self.trouble: BaseException | None = None
-        self._samples: deque[tuple[int, WrenchWithUncertainty]] = deque()
+        self._keeps_all, self._samples = keeps_all, list[tuple[int, WrenchWithUncertainty]]()
         self._lock = Lock()
 
     def add(self, sample: WrenchWithUncertainty) -> None:
         """Keep a sample, unless it follows the last one within 1/`MOST_HZ`; drop those that are too old, or of a later time."""
         stamp_ns = sample.wrench.stamp_ns
         elapsed_ns = stamp_ns - self._samples[-1][0] if self._samples else np.inf
-        if 0 <= elapsed_ns < NS_PER_S / MOST_HZ - ROUNDING_NS:
+        if 0 <= elapsed_ns < NS_PER_S / MOST_HZ - _ROUNDING_NS:
             return
         with self._lock:
             if elapsed_ns < 0:  # a recording that starts again
                 self._samples.clear()
             self._samples.append((stamp_ns, sample))
-            while stamp_ns - self._samples[0][0] > HISTORY_S * NS_PER_S:
-                self._samples.popleft()
+            if not self._keeps_all:
+                del self._samples[: self._first_shown(stamp_ns)]
 
     def add_estimate(self, estimate: WrenchEstimate) -> None:
         """Keep an estimate with its standard deviations and warnings."""
@@ -113,18 +121,38 @@ class WrenchHistory:
     def snapshot(self, at_ns: int | None, now_ns: int) -> WrenchSourceSnapshot:
         """Return the sample nearest to a time (None: the newest) and the last seconds."""
         with self._lock:
-            samples = tuple(self._samples)
-        sample = _nearest_sample(samples, at_ns)
+            end = bisect_right(self._samples, now_ns, key=_stamp_ns) if self._keeps_all else len(self._samples)
+            samples = tuple(self._samples[self._first_shown(now_ns) if self._keeps_all else 0 : end])
+            sample = self._samples[-1] if self._samples else None
+            if at_ns is not None and self._samples:
+                after = bisect_right(self._samples, at_ns, key=_stamp_ns)
+                near = self._samples[max(after - 1, 0) : after + 1]
+                sample = min(near, key=lambda one: abs(one[0] - at_ns))
         state = (self.trouble, self.notices, self.states_errors)
-        return WrenchSourceSnapshot(self.name, self.meaning, sample, samples, now_ns, *state)
+        nearest = None if sample is None else sample[1]
+        return WrenchSourceSnapshot(self.name, self.meaning, nearest, samples, now_ns, *state)
+
+    def _first_shown(self, now_ns: int) -> int:
+        """Return the number of the first sample of the last seconds."""
+        return bisect_left(self._samples, now_ns - HISTORY_S * NS_PER_S, key=_stamp_ns)
+
+
+def _stamp_ns(sample: tuple[int, WrenchWithUncertainty]) -> int:
+    return sample[0]
 
 
 class WrenchPoller:
-    """Reads a wrench source in its own thread while it is open (`with`)."""
+    """Reads a wrench source in its own thread while it is open (`with`). on_sample: is called there with every sample."""
 
-    def __init__(self, source: WrenchSource, name: str, meaning: str) -> None:
+    def __init__(
+        self,
+        source: WrenchSource,
+        name: str,
+        meaning: str,
+        on_sample: Callable[[Wrench], None] = lambda wrench: None,
+    ) -> None:
         self.history = WrenchHistory(name, meaning)
-        self.source = source
+        self.source, self._on_sample = source, on_sample
         self._closing = Event()
         self._thread = Thread(target=self._run, name=f"read {source.name}", daemon=True)
 
@@ -144,22 +172,11 @@ class WrenchPoller:
     def _run(self) -> None:
         try:
             while not self._closing.is_set():
-                self.history.add(WrenchWithUncertainty(self.source.read().about(np.zeros(3)), _UNKNOWN_STD))
+                wrench = self.source.read().about(np.zeros(3))
+                self.history.add(WrenchWithUncertainty(wrench, UNKNOWN_STD))
+                self._on_sample(wrench)
         except SourceEnded:
             pass
         except BaseException as trouble:  # the page shows it
             if not self._closing.is_set():
                 self.history.trouble = trouble
-
-
-def _nearest_sample(
-    samples: Sequence[tuple[int, WrenchWithUncertainty]], at_ns: int | None
-) -> WrenchWithUncertainty | None:
-    """Return the sample nearest to a time, or the last one without a time."""
-    if not samples:
-        return None
-    if at_ns is None:
-        return samples[-1][1]
-    after = min(bisect_left(samples, at_ns, key=lambda sample: sample[0]), len(samples) - 1)
-    before = max(after - 1, 0)
-    return min(samples[before], samples[after], key=lambda sample: abs(sample[0] - at_ns))[1]

@@ -1,9 +1,7 @@
 """The errors of recordings, and the check that the libraries for recordings are installed. This module loads no library."""
 
-from importlib.util import find_spec
-
-from ninedtact._version import installation_command
-from ninedtact.errors import DatasetError, FileFormatError, MissingLibraryError
+from ninedtact.errors import DatasetError, FileFormatError
+from ninedtact.required_libraries import require_libraries
 
 
 class RecordingUnreadable(FileFormatError):
@@ -16,10 +14,4 @@ class RecordingStopped(DatasetError):
 
 def require_recording_libraries() -> None:
     """Raise `MissingLibraryError` where recordings can be neither read nor written."""
-    absent = [name for name in ("rosbags", "mcap") if find_spec(name) is None]
-    if absent:
-        raise MissingLibraryError(
-            expected="rosbags and mcap, which read and write recordings",
-            got=f"no {' and no '.join(absent)}",
-            remedy=f"run {installation_command('recording')}",
-        )
+    require_libraries("recording", "rosbags", "mcap")

@@ -132,7 +132,7 @@ class RecordingWriter:
             self.write_height(reading.height, index)
         if reading.force is not None and Topic.ESTIMATED in self._topics:
             self.write_estimated(replace(reading.force, warnings=reading.warnings), index)
-        elif Topic.HEIGHTS in self._topics:
+        elif Topic.WARNINGS in self._topics:
             self.write_warnings(reading.warnings, reading.stamp_ns, index)
 
     def write_image(self, frame: Frame) -> None:

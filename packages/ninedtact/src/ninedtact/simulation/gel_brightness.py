@@ -230,7 +230,7 @@ FITTED_PARAMETERS = {
     "darkening_per_mm": LogNormal(0.118, 0.30),
     "brightening_per_mm": LogNormal(0.39, 0.26),
     "point_spread_mm": LogNormal(0.48, 0.17),
-    "global_dimming": LogNormal(1.05, 0.5),
+    "global_dimming": LogNormal(0.6, 0.9),
     "relative_thickness": LogNormal(0.92, 0.22),
 }
 """Distributions of the parameters that `ninedtact calibrate` fits to sensors of the published design; the last is the thickness

@@ -21,16 +21,15 @@ from ninedtact.simulation.calibration_camera import HeldCalibrationObject, Simul
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, CalibrationState
 from ninedtact.studio.guided_page import (
     GuidedPageLayout,
+    Instruction,
     ListCameras,
     SimulatedSensorControls,
     attempt,
-    instruction_html,
     live_image_quality_rows,
-    steps_html,
 )
-from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
-from ninedtact.studio.viewer import NOTICE_S, is_user_event, set_gui_control
+from ninedtact.studio.viewer import NOTICE_S, is_user_event
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball", "fit")
 _GRADES = {
@@ -70,12 +69,15 @@ class CalibrationPage:
     def _draw(self) -> None:
         state = self._session.state
         with self._server.viser.atomic():
-            self._layout.show(state, _steps_html(state), _advice_html(state), state.pins)
+            done = {CalibrationPhase.RESULT: len(_STEP_NAMES), CalibrationPhase.PREVIEW: -1}.get(
+                state.phase, state.step
+            )
+            self._layout.show(state, _STEP_NAMES, done, _instruction(state), state.pins)
             self._figures.content = "" if state.phase is CalibrationPhase.RESULT else _figures_html(state)
             self._result.content = calibration_result_html(state, self._session.out)
             self._show_buttons(state)
             self._progress.visible = state.phase is CalibrationPhase.FIT
-            set_gui_control(self._progress, 100 * state.fit_progress)
+            self._progress.value = 100 * state.fit_progress
             if self._simulated is not None:
                 self._follow_presses(state, self._simulated)
 
@@ -154,27 +156,15 @@ class CalibrationPage:
         self._start_over.visible = phase not in (CalibrationPhase.PREVIEW, CalibrationPhase.FIT)
 
 
-def _steps_html(state: CalibrationState) -> str:
-    """Return the steps, the present one marked, as HTML."""
-    done = (
-        len(_STEP_NAMES)
-        if state.phase is CalibrationPhase.RESULT
-        else -1
-        if state.phase is CalibrationPhase.PREVIEW
-        else state.step
-    )
-    return steps_html(_STEP_NAMES, done)
-
-
-def _advice_html(state: CalibrationState) -> str:
-    """Return what to do in one large sentence, and below it what the images say, as HTML."""
+def _instruction(state: CalibrationState) -> Instruction:
+    """Return what to do, and what the images say."""
     sentence, detail, tone = state.instruction, state.advice, "held"
     if state.phase is CalibrationPhase.REFUSED:
         sentence, tone = "This calibration is refused.", "lost"
     elif state.phase is CalibrationPhase.RESULT and state.result is not None:
         sentence, tone = _GRADES[overall_check_level(_certificate(state))]
         detail = certificate_headline(_certificate(state))
-    return instruction_html(state, sentence, detail, tone)
+    return Instruction(sentence, detail, tone)
 
 
 def _figures_html(state: CalibrationState) -> str:
@@ -184,7 +174,7 @@ def _figures_html(state: CalibrationState) -> str:
         rows["pins"] = f"{state.pins.found} of {state.pins.expected}"
         if len(state.pins.missing_px):
             rows["pins"] += f"; {len(state.pins.missing_px)} missing, crossed in the image"
-    return name_value_table_html(rows)
+    return card_html("name_value_table", rows=rows)
 
 
 def _certificate(state: CalibrationState) -> Certificate:

@@ -238,7 +238,8 @@ class CalibrationSession(GuidedSession[CalibrationState]):
                 return
             step, taken, progress = self._steps[self._state.step], dict(self._taken), self._progress
         try:
-            self._require_same_size(image, taken)
+            for earlier in taken.values():
+                require_same_image_size("image", earlier, image)
             progress = progress or _StepProgress(step, step.watch(taken))
             pins, seen = self._count_pins(image, progress, taken), progress.watch(image)
         except (NinedtactError, OSError) as refusal:
@@ -281,11 +282,6 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         """Return the pins in an image and the time that the search took, s."""
         began_s = monotonic()
         return search_board_pins(reference, image, self.design, self.settings), monotonic() - began_s
-
-    def _require_same_size(self, image: BgrImage, taken: dict[str, BgrImage]) -> None:
-        """Raise `CalibrationError` for an image of another size than those taken."""
-        for earlier in taken.values():
-            require_same_image_size("image", earlier, image)
 
     def _fit(self) -> None:
         """Fit the four images and write the sensor folder; a refusal keeps the images."""

@@ -17,14 +17,13 @@ from ninedtact.studio.force_calibration_session import (
 )
 from ninedtact.studio.guided_page import (
     GuidedPageLayout,
+    Instruction,
     ListCameras,
     SimulatedSensorControls,
     attempt,
-    instruction_html,
     live_image_quality_rows,
-    steps_html,
 )
-from ninedtact.studio.page_cards import card_html, name_value_table_html
+from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import ControlFollower, is_user_event
 
@@ -72,12 +71,12 @@ class ForceCalibrationPage:
     def _draw(self) -> None:
         state = self._session.state
         with self._server.viser.atomic():
-            self._layout.show(state, _progress_html(state, len(self._session.loads_g)), self._advice_html(state))
+            self._layout.show(state, *_steps(state, len(self._session.loads_g)), self._instruction(state))
             self._presses.content = _scale_html(state, self._stiffness if is_twin_address(state.source) else None)
             self._figures.content = (
                 ""
                 if state.quality is None or state.presses
-                else name_value_table_html(live_image_quality_rows(state.quality))
+                else card_html("name_value_table", rows=live_image_quality_rows(state.quality))
             )
             self._show_buttons(state)
             if self._simulated is not None:
@@ -137,12 +136,12 @@ class ForceCalibrationPage:
         if self._named_press is not None:
             self._session.remove(self._named_press)
 
-    def _advice_html(self, state: ForceCalibrationState) -> str:
-        """Return what to do in one large sentence, and below it what the images say, as HTML."""
+    def _instruction(self, state: ForceCalibrationState) -> Instruction:
+        """Return what to do, and what the images say."""
         detail, tone, phase = state.advice, "held", state.phase
-        if state.is_preview:
-            return instruction_html(state, "", detail)
-        if phase is ForceCalibrationPhase.REFERENCE:
+        if phase is ForceCalibrationPhase.PREVIEW:
+            sentence = ""
+        elif phase is ForceCalibrationPhase.REFERENCE:
             sentence = "Do not touch the gel."
         elif phase is ForceCalibrationPhase.PRESS:
             sentence = f"Load {self._ball} with {state.load_g:g} g in the middle of the skin, and hold still."
@@ -156,7 +155,7 @@ class ForceCalibrationPage:
         else:
             sentence, tone = "All loads are taken.", "live"
             detail = "Save the force scale if its error is small enough for you."
-        return instruction_html(state, sentence, detail, tone, _HOW if phase is ForceCalibrationPhase.PRESS else "")
+        return Instruction(sentence, detail, tone, _HOW if phase is ForceCalibrationPhase.PRESS else "")
 
     def _show_buttons(self, state: ForceCalibrationState) -> None:
         """Show the controls that do something now."""
@@ -185,17 +184,18 @@ def ball_press_under_load(grams: float, x_mm: float = 0.0) -> HeldCalibrationObj
     )
 
 
-def _progress_html(state: ForceCalibrationState, suggested: int) -> str:
-    """Return the presses that are taken and those still to come as steps, as HTML."""
+def _steps(state: ForceCalibrationState, suggested: int) -> tuple[list[str], int]:
+    """Return the presses that are taken and those still to come as steps, and the number of those that are done."""
     taken = len(state.presses)
     names = ["untouched", *(f"{press.grams:g} g" for press in state.presses)]
     names += [f"press {number + 1}" for number in range(taken, suggested)] + ["save"]
     done = {
         ForceCalibrationPhase.PREVIEW: -1,
         ForceCalibrationPhase.REFERENCE: 0,
+        ForceCalibrationPhase.COMPLETE: len(names) - 1,
         ForceCalibrationPhase.SAVED: len(names),
     }.get(state.phase, taken + 1)
-    return steps_html(names, len(names) - 1 if state.phase is ForceCalibrationPhase.COMPLETE else done)
+    return names, done
 
 
 def _scale_html(state: ForceCalibrationState, stiffness: float | None) -> str:

@@ -5,6 +5,7 @@ Only the place of the image is each browser's own (beside the controls, or on a 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from time import monotonic
 from typing import Any
 
@@ -54,6 +55,17 @@ _TALL_PHONE_STYLE = (
 """Lets the controls fill the screen of a phone; there is nothing behind them."""
 
 
+@dataclass(frozen=True)
+class Instruction:
+    """What a person is to do, in one large sentence, and below it what the images say."""
+
+    sentence: str
+    detail: str
+    tone: str = "held"
+    how: str = ""
+    """A longer explanation, shown small."""
+
+
 class GuidedPageLayout:
     """What every guided page has in every browser: its look, the steps, the sentence, the choice of the camera, and its image."""
 
@@ -77,10 +89,24 @@ class GuidedPageLayout:
         self._server.viser.on_client_disconnect(self._forget)
 
     def show(
-        self, state: GuidedState, steps_html: str, instruction_html: str, pins: PinSearchResult | None = None
+        self,
+        state: GuidedState,
+        steps: Sequence[str],
+        done: int,
+        what: Instruction,
+        pins: PinSearchResult | None = None,
     ) -> None:
-        """Show the present state in all browsers. pins: are drawn into the image."""
-        self._steps.content, self._instruction.content = steps_html, instruction_html
+        """Show the present state in all browsers.
+
+        done: number of the steps that are ticked, of which the next one is marked; -1 marks none. what: before the start, and
+        where no images arrive, the sentence is that of all guided pages. pins: are drawn into the image.
+        """
+        if state.camera_trouble:
+            what = Instruction("No images arrive.", state.camera_trouble, "lost")
+        elif state.is_preview:
+            what = replace(what, sentence="Choose the camera of the sensor.")
+        self._steps.content = PHONE_STYLE + _TALL_PHONE_STYLE + card_html("steps", names=steps, done=done)
+        self._instruction.content = card_html("instruction", **vars(what))
         self._camera.show(state)
         drawn = id(state.image), id(pins)
         if state.image is not None and drawn != self._drawn:
@@ -227,23 +253,6 @@ def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
     except NinedtactError as refusal:
         if client is not None:
             client.add_notification("Not done", str(refusal), color="red", auto_close_seconds=NOTICE_S)
-
-
-def instruction_html(state: GuidedState, sentence: str, detail: str, tone: str = "held", how: str = "") -> str:
-    """Return what to do in one large sentence, and below it what the images say, as HTML.
-
-    Before the start, and where no images arrive, the sentence is that of all guided pages. how: longer explanation, shown small.
-    """
-    if state.camera_trouble:
-        sentence, detail, tone, how = "No images arrive.", state.camera_trouble, "lost", ""
-    elif state.is_preview:
-        sentence = "Choose the camera of the sensor."
-    return card_html("instruction", sentence=sentence, detail=detail, tone=tone, how=how)
-
-
-def steps_html(names: Sequence[str], done: int) -> str:
-    """Return the steps as HTML, those that are done ticked and the present one marked; -1 marks none."""
-    return PHONE_STYLE + _TALL_PHONE_STYLE + card_html("steps", names=names, done=done)
 
 
 def live_image_quality_rows(quality: ImageQuality) -> dict[str, str]:

@@ -6,16 +6,14 @@ All HTML of the pages stands in `page_cards.html.jinja`, one macro for each card
 
 from base64 import b64encode
 from collections.abc import Iterable, Iterator, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from numpy import ndarray as Array
 from viser import ViserServer
 
+from ninedtact.live.reading_recorder import RecorderState
 from ninedtact.live.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -40,8 +38,7 @@ from ninedtact.studio.scene_3d import (
 )
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
 
-if TYPE_CHECKING:  # a page without recordings does not need its libraries
-    from ninedtact.studio.page_recorder import RecorderState
+if TYPE_CHECKING:
     from ninedtact.studio.recording_player import RecordingPlayer
 
 _TEMPLATES = Environment(
@@ -82,11 +79,6 @@ def format_max_indentation(summary: ShapeSummary) -> str:
     return f"{'≥ ' if summary.is_deepest_clipped else ''}{summary.max_indentation_mm:.2f}"
 
 
-def name_value_table_html(rows: dict[str, str]) -> str:
-    """Return a table of names and values as HTML."""
-    return card_html("name_value_table", rows=rows)
-
-
 def height_legend_html(scale: ColourScale) -> str:
     """Return the colours of heights with their mm as HTML."""
     deepest, half = format_signed_tenths(-scale.pressed_mm), format_signed_tenths(-scale.pressed_mm / 2)
@@ -118,7 +110,7 @@ def profile_summary_html(profile: HeightProfile) -> str:
     if np.isfinite(profile.height_mm).any():
         lowest = int(np.nanargmin(profile.height_mm))
         rows[f"lowest, {profile.distance_mm[lowest]:.1f} mm from A"] = _format_height(profile, lowest)
-    return name_value_table_html(rows)
+    return card_html("name_value_table", rows=rows)
 
 
 def _format_height(profile: HeightProfile, number: int) -> str:
@@ -177,7 +169,7 @@ def format_signed_hundredths(number: float, sign: str = "-") -> str:
     return f"{round(number, 2) + 0.0:{sign}.2f}".replace("-", "\N{MINUS SIGN}")
 
 
-def recorder_html(state: "RecorderState") -> str:
+def recorder_html(state: RecorderState) -> str:
     """Return length, size, drops and labels of the recording, and why it ended."""
     if state.path is None:
         return ""
@@ -188,19 +180,10 @@ def recorder_html(state: "RecorderState") -> str:
     return card_html("recorder", said=said, trouble=state.trouble)
 
 
-_MARK_LETTERS, _MARK_ROOM = 10, 0.2
-"""Number of letters of a label that are drawn on the time slider, and the share of it that they take."""
-
-
 def time_slider_marks(player: "RecordingPlayer") -> Iterator[float | tuple[float, str]]:
-    """Yield what is drawn on the time slider: its end, and both ends of every label, with its name where there is room for it."""
-    duration_s, free_s = player.duration_s, 0.0
-    room_s = _MARK_ROOM * duration_s
-    ends = [(player.span_s(span)[end], "" if end else span.label) for span in player.spans for end in (0, 1)]
-    for at_s, label in sorted((min(max(at_s, 0.0), duration_s), label) for at_s, label in ends):
-        has_room = bool(label) and free_s <= at_s <= duration_s - room_s
-        free_s = at_s + room_s if has_room else free_s
-        yield (at_s, label[:_MARK_LETTERS]) if has_room else at_s
+    """Yield what is drawn on the time slider: both ends of every label, and its own end with the time."""
+    duration_s = player.duration_s
+    yield from sorted(min(max(at_s, 0.0), duration_s) for span in player.spans for at_s in player.span_s(span))
     yield duration_s, f"{duration_s:.1f} s"
 
 
@@ -215,22 +198,17 @@ def standalone_moment_html(
 
     cards: HTML beside the images. wrench: is drawn as an arrow; None draws none.
     """
-    scene_page = standalone_scene_html(partial(_draw_scene, view=view, block=block, wrench=wrench))
-    images = {
-        kind: b64encode(_encode_jpeg(view.image(kind, True))).decode() for kind in (ImageKind.CAMERA, ImageKind.HEIGHT)
-    }
+
+    def draw_scene(server: ViserServer) -> None:
+        set_up_view(server, block)
+        skin = SkinScene(server.scene, block)
+        skin.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
+        skin.show_lines(view.outline_mm(), None)
+        skin.show_wrench(wrench)
+
+    images = {}
+    for kind in (ImageKind.CAMERA, ImageKind.HEIGHT):
+        jpeg = cv2.imencode(".jpg", view.image(kind, True), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+        images[kind] = b64encode(jpeg.tobytes()).decode()
     page = _TEMPLATES.get_template("exported_moment.html.jinja")
-    return page.render(title=title, scene_page=scene_page, cards=cards, images=images)
-
-
-def _encode_jpeg(image: UInt8[Array, "rows cols 3"]) -> bytes:
-    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
-
-
-def _draw_scene(server: ViserServer, view: ReadingView, block: GelBlock, wrench: Wrench | None) -> None:
-    """Draw the surface of a view as a new viewer sees it."""
-    set_up_view(server, block)
-    skin = SkinScene(server.scene, block)
-    skin.show_surface(view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED), True, False)
-    skin.show_lines(view.outline_mm(), None)
-    skin.show_wrench(wrench)
+    return page.render(title=title, scene_page=standalone_scene_html(draw_scene), cards=cards, images=images)

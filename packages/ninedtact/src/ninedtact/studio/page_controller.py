@@ -24,7 +24,7 @@ from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
-from ninedtact.studio.saved_files import SaveLimits, SaveQuota, save_moment_files
+from ninedtact.studio.saved_files import SaveQuota, save_moment_files
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -52,64 +52,40 @@ def most_urgent_status(moment: SensorSnapshot, shown: Reading | None, frozen: bo
     """Return the most urgent state of the sensor."""
     behind_ms = (now_ns - moment.heard_ns) / 1e6
     silent_ms = min(behind_ms, (now_ns - moment.arrived_ns) / 1e6)
-    reading = shown or moment.reading
+    reading, late = shown or moment.reading, f"this computer is {_format_duration(behind_ms)} behind"
     age_ms = reading.age_ms(now_ns) if reading is not None else 0.0
     if moment.phase is SensorPhase.FAILED:
-        return _final_status(moment)
+        return SensorStatusMessage("lost", f"stopped: {moment.trouble}")
     if moment.phase is SensorPhase.ENDED:
         return SensorStatusMessage("held", f"recording ended, its last image is shown ({_format_duration(age_ms)} old)")
     if silent_ms > SILENT_AFTER_MS and moment.may_be_unplugged:
         return SensorStatusMessage("lost", f"no image for {_format_duration(silent_ms)}: unplugged? reconnecting…")
+    if behind_ms > SILENT_AFTER_MS and not frozen and moment.may_be_unplugged:
+        remedy = "lower the camera's rate or size, or use --force none"
+        return SensorStatusMessage("warned", f"images arrive, but {late}: {remedy}")
     if behind_ms > SILENT_AFTER_MS and not frozen:
-        return _behind_status(behind_ms, moment.may_be_unplugged)
+        return SensorStatusMessage("warned", f"{late}: end other programs, or use --force none")
     if moment.phase is SensorPhase.REFERENCE:
-        return _reference_status(moment.trouble)
+        refusal = f"{moment.trouble}; trying again…" if isinstance(moment.trouble, ReferenceUnusable) else ""
+        sentence = refusal or "taking the reference: do not touch the gel…"
+        return SensorStatusMessage("lost" if refusal else "busy", sentence)
     if reading is None:
         return WAITING_STATUS
     if frozen:
         return SensorStatusMessage("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
-    return _reading_status(reading, age_ms)
+    warning = _warning_sentence(reading)
+    return SensorStatusMessage("warned" if warning else "live", warning or f"live, {age_ms:.0f} ms old")
 
 
-def _reading_status(reading: Reading, age_ms: float) -> SensorStatusMessage:
-    """Return the warnings of a recent reading, or its age."""
+def _warning_sentence(reading: Reading) -> str:
+    """Return the warnings of a reading and what to do; empty for none."""
+    of_reference = ", ".join(reading.reference_warnings)
     if EstimateWarning.CALIBRATION_EDITED in reading.reference_warnings:
-        return SensorStatusMessage(
-            "warned", f"{', '.join(reading.reference_warnings)}; calibrate again if you did not edit it"
-        )
-    if reading.reference_warnings:
-        return SensorStatusMessage(
-            "warned", f"{', '.join(reading.reference_warnings)}; take it again, or name the right sensor"
-        )
-    if reading.image_warnings:
-        return SensorStatusMessage(
-            "warned", f"{', '.join(reading.image_warnings)}: nothing is estimated; check light and sensor"
-        )
-    return SensorStatusMessage("live", f"live, {age_ms:.0f} ms old")
-
-
-def _behind_status(behind_ms: float, is_camera: bool) -> SensorStatusMessage:
-    """Return the status of a sensor whose newest reading is old because this computer is slow."""
-    late = f"this computer is {_format_duration(behind_ms)} behind"
-    if is_camera:
-        return SensorStatusMessage(
-            "warned", f"images arrive, but {late}: lower the camera's rate or size, or use --force none"
-        )
-    return SensorStatusMessage("warned", f"{late}: end other programs, or use --force none")
-
-
-def _final_status(moment: SensorSnapshot) -> SensorStatusMessage:
-    """Return the status of a page that receives no more readings."""
-    return SensorStatusMessage(
-        "lost", f"stopped: {moment.trouble if moment.phase is SensorPhase.FAILED else 'the program has ended'}"
-    )
-
-
-def _reference_status(trouble: BaseException | None) -> SensorStatusMessage:
-    """Return the state while the reference is taken."""
-    if isinstance(trouble, ReferenceUnusable):
-        return SensorStatusMessage("lost", f"{trouble}; trying again…")
-    return SensorStatusMessage("busy", "taking the reference: do not touch the gel…")
+        return f"{of_reference}; calibrate again if you did not edit it"
+    if of_reference:
+        return f"{of_reference}; take it again, or name the right sensor"
+    of_image = ", ".join(reading.image_warnings)
+    return f"{of_image}: nothing is estimated; check light and sensor" if of_image else ""
 
 
 def _format_duration(ms: float) -> str:
@@ -249,11 +225,11 @@ class PageController:
         self,
         sensors: Sequence[DisplayedSensor],
         out: Path,
-        save_limits: SaveLimits = SaveLimits(),
+        quota: SaveQuota | None = None,
         recheck_s: float = RECHECK_S,
     ) -> None:
         """recheck_s: longest time between two refreshes while no new reading arrives."""
-        self.sensors, self.out, self.quota, self._recheck_s = tuple(sensors), out, SaveQuota(save_limits), recheck_s
+        self.sensors, self.out, self.quota, self._recheck_s = tuple(sensors), out, quota or SaveQuota(), recheck_s
         scales = [full_range_colour_scale(one.poller.sensor.shape.curve) for one in self.sensors]
         self.scale: ColourScale = max(scales, key=lambda scale: scale.pressed_mm)
         """The colours of the heights of all sensors."""
@@ -297,9 +273,12 @@ class PageController:
 
     def show_final_state(self, display: PageMomentDisplay) -> None:
         """Mark the page as ended, because a browser keeps the last page that it received."""
-        snapshots = [one.poller.snapshot(time.monotonic_ns()) for one in self.sensors]
-        ended = zip(self.sensors, snapshots, strict=True)
-        self._present(display, [one.moment(snapshot, _final_status(snapshot)) for one, snapshot in ended])
+        moments = []
+        for one in self.sensors:
+            snapshot = one.poller.snapshot(time.monotonic_ns())
+            reason = snapshot.trouble if snapshot.phase is SensorPhase.FAILED else "the program has ended"
+            moments.append(one.moment(snapshot, SensorStatusMessage("lost", f"stopped: {reason}")))
+        self._present(display, moments)
 
     def save(self, moments: Sequence[SensorMoment]) -> list[Path]:
         """Write the moments of sensors that have been read to files, with their wrenches, errors and warnings.

@@ -4,134 +4,76 @@ viser has more, which the page has no use for, such as a request to publish the 
 to any control. So each message is tested before viser gets it. The messages are those of viser 1.1, which does not document them.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Union
 
 import msgspec
+from msgspec import Meta
 
-_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
-_ShortText = Annotated[str, msgspec.Meta(max_length=200)]
+_Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Text = Annotated[str, Meta(max_length=200)]
 _Vector = tuple[_Number, _Number, _Number]
-_Pair = Annotated[list[_Number], msgspec.Meta(min_length=2, max_length=2)]
+_Pair = Annotated[list[_Number], Meta(min_length=2, max_length=2)]
 """A list, because msgspec mistakes the limits of numbers in a union with a tuple of fixed length."""
 _Quaternion = tuple[_Number, _Number, _Number, _Number]
 MAX_UPLOAD_BYTES = 16_000_000
 PART_BYTES = 512 * 1024
 """Size of the parts in which viser's page sends a file."""
-_UploadSize = Annotated[int, msgspec.Meta(ge=0, le=MAX_UPLOAD_BYTES)]
-_PartNumber = Annotated[int, msgspec.Meta(ge=0, le=MAX_UPLOAD_BYTES // PART_BYTES + 1)]
-_Part = Annotated[bytes, msgspec.Meta(max_length=PART_BYTES)]
+_UploadSize = Annotated[int, Meta(ge=0, le=MAX_UPLOAD_BYTES)]
+_PartNumber = Annotated[int, Meta(ge=0, le=MAX_UPLOAD_BYTES // PART_BYTES + 1)]
+_Part = Annotated[bytes, Meta(max_length=PART_BYTES)]
+_Value = Annotated[dict[Literal["value"], bool | _Number | _Text | _Pair], Meta(min_length=1)]
+"""The new value of a control. viser would set any other attribute of it too."""
+_Handle: dict[str, Any] = {"name": _Text, "owner": _Text}
+_Transfer: dict[str, Any] = {"source_component_uuid": _Text, "transfer_uuid": _Text}
 
 
-class PageMessage(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
-    """A message of viser's page."""
+def _message(kind: str, **fields: Any) -> Any:
+    """Return the type of a message of viser's page with just these fields."""
+    return msgspec.defstruct(kind, [*fields.items()], tag_field="type", tag=kind, forbid_unknown_fields=True)
 
 
-class CameraMessage(PageMessage, tag="ViewerCameraMessage"):
-    """The pose of a browser's view. The first one says that the browser is ready."""
-
-    wxyz: _Quaternion
-    position: _Vector
-    fov: _Number
-    near: _Number
-    far: _Number
-    image_height: _Number
-    image_width: _Number
-    look_at: _Vector
-    up_direction: _Vector
-
-
-class _ControlMessage(PageMessage, tag="GuiUpdateMessage"):
-    """The new value of a button, a choice, a slider or a pair of numbers. viser would set any other attribute of it too."""
-
-    uuid: _ShortText
-    updates: Annotated[dict[Literal["value"], bool | _Number | _ShortText | _Pair], msgspec.Meta(min_length=1)]
-
-
-class _CommandMessage(PageMessage, tag="CommandTriggerMessage"):
-    """A key that stands for a command, or a command that was chosen."""
-
-    uuid: _ShortText
-
-
-class _ClickMessage(PageMessage, tag="ScenePointerMessage"):
-    """A click on the scene in 3D."""
-
-    event_type: Literal["click"]
-    ray_origin: _Vector
-    ray_direction: _Vector
-    screen_pos: Annotated[list[tuple[_Number, _Number]], msgspec.Meta(max_length=2)]
-    modifier: _ShortText | None
-
-
-class _HandleMessage(PageMessage, tag="TransformControlsUpdateMessage"):
-    """The pose of the 3D handle."""
-
-    name: _ShortText
-    wxyz: _Quaternion
-    position: _Vector
-    owner: _ShortText = ""
-
-
-class _HandleStartMessage(PageMessage, tag="TransformControlsDragStartMessage"):
-    """The 3D handle is grasped."""
-
-    name: _ShortText
-    owner: _ShortText = ""
-
-
-class _HandleEndMessage(PageMessage, tag="TransformControlsDragEndMessage"):
-    """The 3D handle is let go."""
-
-    name: _ShortText
-    owner: _ShortText = ""
-
-
-class _UploadMessage(PageMessage, tag="FileTransferStartUpload"):
-    """A file will follow in parts."""
-
-    source_component_uuid: _ShortText
-    transfer_uuid: _ShortText
-    filename: _ShortText
-    mime_type: _ShortText
-    part_count: _PartNumber
-    size_bytes: _UploadSize
-
-
-class _PartMessage(PageMessage, tag="FileTransferPart"):
-    """One part of a file."""
-
-    source_component_uuid: _ShortText
-    transfer_uuid: _ShortText
-    part_index: _PartNumber
-    content: _Part
-
-
-class _KeptMessage(PageMessage, tag="LocalStorageGetItemResponseMessage"):
-    """What the browser has kept for the page: its theme."""
-
-    value: _ShortText | None
-    error: _ShortText | None
-    request_uuid: _ShortText
-
-
-_PAGE_MESSAGES = msgspec.msgpack.Decoder(
-    CameraMessage
-    | _ControlMessage
-    | _CommandMessage
-    | _ClickMessage
-    | _HandleMessage
-    | _HandleStartMessage
-    | _HandleEndMessage
-    | _UploadMessage
-    | _PartMessage
-    | _KeptMessage
+CameraMessage = _message(
+    "ViewerCameraMessage",
+    wxyz=_Quaternion,
+    position=_Vector,
+    look_at=_Vector,
+    up_direction=_Vector,
+    **dict.fromkeys(("fov", "near", "far", "image_height", "image_width"), _Number),
 )
+"""The pose of a browser's view. The first one says that the browser is ready."""
+_UploadMessage = _message(
+    "FileTransferStartUpload",
+    **_Transfer,
+    filename=_Text,
+    mime_type=_Text,
+    part_count=_PartNumber,
+    size_bytes=_UploadSize,
+)
+_PartMessage = _message("FileTransferPart", **_Transfer, part_index=_PartNumber, content=_Part)
+_OTHER_MESSAGES = (
+    _message("GuiUpdateMessage", uuid=_Text, updates=_Value),
+    _message("CommandTriggerMessage", uuid=_Text),
+    _message(
+        "ScenePointerMessage",
+        event_type=Literal["click"],
+        ray_origin=_Vector,
+        ray_direction=_Vector,
+        screen_pos=Annotated[list[tuple[_Number, _Number]], Meta(max_length=2)],
+        modifier=_Text | None,
+    ),
+    _message("TransformControlsUpdateMessage", **_Handle, wxyz=_Quaternion, position=_Vector),
+    _message("TransformControlsDragStartMessage", **_Handle),
+    _message("TransformControlsDragEndMessage", **_Handle),
+    # What the browser has kept for the page: its theme.
+    _message("LocalStorageGetItemResponseMessage", value=_Text | None, error=_Text | None, request_uuid=_Text),
+)
+_DECODER: Any = msgspec.msgpack.Decoder(Union[CameraMessage, _UploadMessage, _PartMessage, *_OTHER_MESSAGES])
 
 
-def decode_page_message(message: str | bytes) -> PageMessage | None:
+def decode_page_message(message: str | bytes) -> msgspec.Struct | None:
     """Return a message that the controls of the page send; None for anything else."""
     try:
-        content: PageMessage = _PAGE_MESSAGES.decode(message if isinstance(message, bytes) else b"")
+        content: msgspec.Struct = _DECODER.decode(message if isinstance(message, bytes) else b"")
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
         return None
     return content
@@ -143,7 +85,7 @@ class UploadTest:
     def __init__(self) -> None:
         self._transfer_uuid, self._missing_parts = "", 0
 
-    def accepts(self, message: PageMessage | None) -> bool:
+    def accepts(self, message: Any) -> bool:
         """Return whether a message belongs to the upload that has begun, begins one after another has ended, or is no upload."""
         if isinstance(message, _UploadMessage):
             if self._missing_parts:

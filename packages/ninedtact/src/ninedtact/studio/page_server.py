@@ -12,9 +12,8 @@ import errno
 import json
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from http.client import HTTPConnection
@@ -23,40 +22,32 @@ from typing import Any
 
 import rich
 import viser
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.server import Server, ServerConnection
 from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from ninedtact.errors import DeviceError
 from ninedtact.live.socket_guard import (
     GuardedConnection,
     SocketGuard,
     format_peer,
     hidden_loopback_address,
     one_line_logger,
+    port_errors,
+    relay,
 )
 from ninedtact.studio.page_messages import CameraMessage, UploadTest, decode_page_message
 
-DEFAULT_PORT, PORTS_TRIED = 8080, 20
-"""First port that is tried where none is named, and the number of ports from there on."""
-IN_USE = "it in use (another 'ninedtact live'?)"
+DEFAULT_PORTS = range(8080, 8100)
+"""Ports that are tried one after the other where none is named."""
 _LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""
 _INTRODUCED_WITHIN_S = 10.0
-_FETCHED_WITHIN_S, _CLOSE_S = 30.0, 0.1
+_FETCHED_WITHIN_S = 30.0
 _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """What a page of this version of viser states when it connects."""
 _PASSED_ON = ("Content-Type", "Content-Encoding")
-
-
-@dataclass
-class _Passage:
-    """What has been passed from viser to one browser."""
-
-    messages: int = 0
 
 
 class PageServer:
@@ -69,31 +60,30 @@ class PageServer:
         self._guard, self._address = guard, hidden_loopback_address()
         self.viser, self.port = viser.ViserServer(host=self._address, port=0, label="9DTact", verbose=False), 0
         self._front: Server | None = None
-        self._passages: dict[int, _Passage] = {}
+        self._browsers: dict[int, GuardedConnection] = {}
         self._introduced: asyncio.Future[int] | None = None
         self._introducing = asyncio.Lock()
         loop = self.viser.get_event_loop()
         loop.call_soon_threadsafe(loop.set_exception_handler, partial(_log_failed_task, one_line_logger()))
         self.viser.on_client_connect(self._note_client)
 
-    def listen(self, host: str, port: int) -> None:
-        """Open the front; raises `DeviceError`."""
-        try:
-            self._front = self._run(self._open_front(host, port))
-        except (OSError, OverflowError) as trouble:
-            is_taken = isinstance(trouble, OSError) and trouble.errno == errno.EADDRINUSE
-            got = IN_USE if is_taken else f"'{getattr(trouble, 'strerror', None) or trouble}'"
-            raise DeviceError(
-                expected=f"port {port} on {host} to be free for the page",
-                got=got,
-                remedy="choose another with --port, or a host of this machine with --host",
-            ) from trouble
+    def listen(self, host: str, ports: Sequence[int]) -> None:
+        """Open the front at the first of these ports that is free; raises `DeviceError`."""
+        with port_errors(host, ports[-1], "the page"):
+            for port in ports:
+                try:
+                    self._front = self._run(self._open_front(host, port))
+                    break
+                except OSError as trouble:
+                    if trouble.errno != errno.EADDRINUSE or port == ports[-1]:
+                        raise
+        assert self._front is not None
         self.port = next(iter(self._front.sockets)).getsockname()[1]
 
     def passed_messages(self, client: viser.ClientHandle) -> int:
         """Return the number of messages that viser has sent to a browser and that do not wait on the way any more."""
-        passage = self._passages.get(client.client_id)
-        return 0 if passage is None else passage.messages
+        browser = self._browsers.get(client.client_id)
+        return 0 if browser is None else browser.sent
 
     def close(self) -> None:
         """Send what is left, and end."""
@@ -142,41 +132,22 @@ class PageServer:
             browser.logger.warning("refused %s: %s", format_peer(browser), expected)
             await browser.close(1002, f"Version mismatch. Client: {got}, Server: {viser.__version__}")
             return
-        async with connect(
-            f"ws://{self._address}:{self.viser.get_port()}",
-            subprotocols=[_VISER_PROTOCOL],
-            compression=None,
-            max_size=None,
-            max_queue=1,
-            proxy=None,
-            ping_interval=None,
-            close_timeout=_CLOSE_S,
-        ) as page:
-            passage = _Passage()
-            passing = [
-                asyncio.create_task(self._pass_to_page(browser, page, passage)),
-                asyncio.create_task(_pass_to_browser(page, browser, passage)),
-            ]
-            _, running = await asyncio.wait(passing, return_when=asyncio.FIRST_COMPLETED)
-            for task in running:
-                task.cancel()
-            for result in await asyncio.gather(*passing, return_exceptions=True):
-                if isinstance(result, Exception) and not isinstance(result, ConnectionClosed):
-                    raise result
+        address = f"ws://{self._address}:{self.viser.get_port()}"
+        await relay(browser, address, _VISER_PROTOCOL, partial(self._pass_to_page, browser))
 
-    async def _pass_to_page(self, browser: GuardedConnection, page: ClientConnection, passage: _Passage) -> None:
+    async def _pass_to_page(self, browser: GuardedConnection, page: ClientConnection) -> None:
         uploads, client_id = UploadTest(), None
         try:
             async for message in browser:
                 content = decode_page_message(message)
                 if client_id is None and isinstance(content, CameraMessage):
                     client_id = await self._introduce(page, message)
-                    self._passages[client_id] = passage
+                    self._browsers[client_id] = browser
                 elif uploads.accepts(content):
                     await page.send(message)
         finally:
             if client_id is not None:
-                self._passages.pop(client_id, None)
+                self._browsers.pop(client_id, None)
 
     async def _introduce(self, page: ClientConnection, message: str | bytes) -> int:
         """Pass the first message of a browser on, one browser at a time, and return the number that viser gives it."""
@@ -188,12 +159,6 @@ class PageServer:
     async def _note_client(self, client: viser.ClientHandle) -> None:
         if self._introduced is not None and not self._introduced.done():
             self._introduced.set_result(client.client_id)
-
-
-async def _pass_to_browser(page: ClientConnection, browser: GuardedConnection, passage: _Passage) -> None:
-    async for message in page:
-        await browser.send(message)
-        passage.messages += 1
 
 
 async def _close(front: Server) -> None:
@@ -224,27 +189,16 @@ def standalone_scene_html(draw: Callable[[viser.ViserServer], None]) -> str:
 def page_server(host: str, port: int | None, guard: SocketGuard | None = None) -> Iterator[PageServer]:
     """Serve until the `with` block ends; raises `DeviceError`.
 
-    port: 0 takes any free port, None the default one or the next that is free. guard: the rules by which requests are accepted;
+    port: 0 takes any free port, None the first of `DEFAULT_PORTS` that is free. guard: the rules by which requests are accepted;
     without it those of the host, without further allowed origins.
     """
     server = PageServer(guard or SocketGuard.for_host(host))
     try:
-        _listen_on_free_port(server, host) if port is None else server.listen(host, port)
+        server.listen(host, DEFAULT_PORTS if port is None else [port])
         run_in_browsers(server, _PAGE_SCRIPT.replace("PROGRAM", json.dumps(token_urlsafe())))
         yield server
     finally:
         server.close()
-
-
-def _listen_on_free_port(server: PageServer, host: str) -> None:
-    """Listen at the default port, or the next free one; raises `DeviceError` where all that are tried are in use."""
-    for port in range(DEFAULT_PORT, DEFAULT_PORT + PORTS_TRIED):
-        try:
-            server.listen(host, port)
-            return
-        except DeviceError as refusal:
-            if IN_USE not in str(refusal) or port == DEFAULT_PORT + PORTS_TRIED - 1:
-                raise
 
 
 _PAGE_SCRIPT = """

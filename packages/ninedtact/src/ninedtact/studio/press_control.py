@@ -84,9 +84,18 @@ class TwinPressController:
 
     def __init__(self, simulation: PressSequence) -> None:
         self.simulation = simulation
-        reach_mm = simulation.twin.renderer.pixel_map.reach_mm
-        self.reach_mm = float(int(reach_mm[0])), float(int(reach_mm[1]))
-        """Largest x and y of an object, so that the camera sees it."""
+        x_mm, y_mm = (float(int(reach)) for reach in simulation.twin.renderer.pixel_map.reach_mm)  # the camera sees it
+        tilt, twist = (-MAX_TILT_DEG, MAX_TILT_DEG), (-MAX_TWIST_DEG, MAX_TWIST_DEG)
+        self.limits: dict[str, tuple[float, float]] = {
+            "depth_mm": (-HOVER_MM, MAX_DEPTH_MM),
+            "load_n": (0.0, MAX_LOAD_N),
+            "x_mm": (-x_mm, x_mm),
+            "y_mm": (-y_mm, y_mm),
+            "twist_deg": twist,
+            "tilt_x_deg": tilt,
+            "tilt_y_deg": tilt,
+        }
+        """The least and the largest value of each number of `HandPressState`."""
         self._lock = RLock()
         self._state, self._revision = HandPressState(), 0
         self._own_mesh: MeshObject | None = None
@@ -126,7 +135,10 @@ class TwinPressController:
         value that is not a number.
         """
         with self._lock:
-            wanted = _within_limits(replace(self._state, **changes), self.reach_mm)
+            changes |= {
+                name: float(np.clip(changes[name], *ends)) for name, ends in self.limits.items() if name in changes
+            }
+            wanted = replace(self._state, **changes)
             self.simulation.hand.aim(wanted.target)
             self._state = wanted
             if self._state.is_playing:
@@ -205,21 +217,6 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
             remedy="repair the mesh",
         )
     return mesh
-
-
-def _within_limits(state: HandPressState, reach_mm: tuple[float, float]) -> HandPressState:
-    """Return the state with every number within what the controls allow."""
-    clip = {
-        "depth_mm": (-HOVER_MM, MAX_DEPTH_MM),
-        "load_n": (0.0, MAX_LOAD_N),
-        "x_mm": (-reach_mm[0], reach_mm[0]),
-        "y_mm": (-reach_mm[1], reach_mm[1]),
-        "twist_deg": (-MAX_TWIST_DEG, MAX_TWIST_DEG),
-        "tilt_x_deg": (-MAX_TILT_DEG, MAX_TILT_DEG),
-        "tilt_y_deg": (-MAX_TILT_DEG, MAX_TILT_DEG),
-    }
-    numbers: dict[str, Any] = {name: float(np.clip(getattr(state, name), *ends)) for name, ends in clip.items()}
-    return replace(state, **numbers)
 
 
 def twist_and_tilts_deg(rotation: np.ndarray) -> dict[str, float]:

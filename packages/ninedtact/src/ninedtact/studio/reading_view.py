@@ -20,7 +20,8 @@ from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.surface import ShapeSummary, point_cloud, triangulate_view
+from ninedtact.shape.orthorectification import find_pixels_of_skin_places, sample_field
+from ninedtact.shape.surface import ShapeSummary, point_cloud, sightline_scale, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
 from ninedtact.simulation.twin import Press
 from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions
@@ -112,7 +113,7 @@ def skin_surface(height: HeightMap, colours_bgr: Image | None, coarser: int = 1)
     colours_bgr: None colours by the direction of the outward normal: red along x, green along y, blue outwards.
     coarser: factor by which neighbouring points are farther apart than in the finest surface.
     """
-    every = _row_step(height) * coarser
+    every = int(np.ceil(np.sqrt(height.z_mm.size / MAX_SURFACE_POINTS))) * coarser
     cloud, seen = point_cloud(height, every), height.in_view[::every, ::every]
     if colours_bgr is None:
         colours = np.clip(cloud.normals * 127.5 + 127.5, 0, 255).astype(np.uint8)
@@ -121,11 +122,6 @@ def skin_surface(height: HeightMap, colours_bgr: Image | None, coarser: int = 1)
         few = np.ascontiguousarray(colours_bgr.view("V3")[::every, ::every]).view(np.uint8)
         colours = _shade_colours(np.asarray(cv2.cvtColor(few, cv2.COLOR_BGR2RGB), np.uint8), seen, cloud.normals)
     return SkinSurface(cloud.points_mm, colours, seen, every * height.mm_per_px)
-
-
-def _row_step(height: HeightMap) -> int:
-    """Return the step between the rows, and between the columns, that are kept."""
-    return int(np.ceil(np.sqrt(height.z_mm.size / MAX_SURFACE_POINTS)))
 
 
 def _shade_colours(image: Image, seen: Bool[Array, "rows cols"], normals: Float32[Array, "n 3"]) -> UInt8[Array, "n 3"]:
@@ -150,6 +146,8 @@ class HeightProfile:
 
 
 PROFILE_POINTS = 200
+_SIGHTLINE_ITERATIONS = 2
+"""A line of sight is displaced by a few per cent, so that the iteration converges at once."""
 
 
 @dataclass(frozen=True)
@@ -217,13 +215,12 @@ class ReadingView:
     def outline_mm(self) -> Float32[Array, "n 2 3"]:
         """Return the edges of the contact as pieces of line on the skin."""
         height = self.reading.height
-        x, y = height.axes_mm
+        (x, y), scale = height.axes_mm, sightline_scale(height)
         pieces = []
         for line in self.contact_outlines_px:
             cols, rows = line[:, 0, 0], line[:, 0, 1]
-            z_mm = height.z_mm[rows, cols]
-            stretch = 1 + z_mm / height.camera_distance_mm
-            points = np.stack([x[cols] * stretch, y[rows] * stretch, z_mm + np.float32(LINE_LIFT_MM)], axis=-1)
+            z_mm, stretch = height.z_mm[rows, cols] + np.float32(LINE_LIFT_MM), scale[rows, cols]
+            points = np.stack([x[cols] * stretch, y[rows] * stretch, z_mm], axis=-1)
             pieces.append(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
         return np.concatenate(pieces).astype(np.float32) if pieces else np.zeros((1, 2, 3), np.float32)
 
@@ -309,16 +306,11 @@ def full_range_colour_scale(curve: DepthCurve) -> ColourScale:
 
 def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the heights of the skin at positions: pixels are lines of sight, which are followed to where they meet the skin."""
-    (rows, cols), z_mm = height.z_mm.shape, np.zeros(len(x_mm))
-    inside = np.zeros(len(x_mm), bool)
-    for _ in range(3):  # a line of sight is displaced by a few per cent, so that it converges at once
-        stretch = 1 + z_mm / height.camera_distance_mm
-        col = (x_mm / stretch / height.mm_per_px + (cols - 1) / 2).astype(np.float32)[None]
-        row = (y_mm / stretch / height.mm_per_px + (rows - 1) / 2).astype(np.float32)[None]
-        z_mm = cv2.remap(height.z_mm, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0].astype(float)
-        seen = cv2.remap(height.in_view.astype(np.float32), col, row, cv2.INTER_LINEAR, borderValue=0)
-        inside = seen[0] > 0.999
-    return np.where(inside, z_mm, np.nan)
+    places, pitch = np.stack([x_mm, y_mm]).astype(np.float32)[:, None], (height.mm_per_px, height.mm_per_px)
+    pixel = find_pixels_of_skin_places(height.z_mm, pitch, places, height.camera_distance_mm, _SIGHTLINE_ITERATIONS)
+    z_mm = sample_field(height.z_mm, pixel, cv2.INTER_LINEAR)
+    seen = cv2.remap(height.in_view.astype(np.float32), *pixel, cv2.INTER_LINEAR, borderValue=0)
+    return np.where(seen[0] > 0.999, z_mm[0].astype(float), np.nan)
 
 
 def _true_heights_at(press: Press, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:

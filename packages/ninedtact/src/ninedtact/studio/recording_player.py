@@ -7,7 +7,6 @@ wrenches and curves of a moment are those of one stamp of the recording, which i
 shown as stored; the others are computed against the reference image that the recording has, or against its first ten images.
 """
 
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,13 +24,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.live.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
-from ninedtact.live.wrench_history import (
-    MOST_HZ,
-    ROUNDING_NS,
-    WrenchHistory,
-    WrenchSourceSnapshot,
-    WrenchWithUncertainty,
-)
+from ninedtact.live.wrench_history import UNKNOWN_STD, WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
@@ -53,7 +46,6 @@ from ninedtact.studio.reading_view import ReadingView
 CURVE_IMAGES = 600
 """Largest number of images of which the indentation is computed for the curve."""
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-_UNKNOWN_STD = np.full(6, np.nan)
 
 
 class RecordedReadings:
@@ -97,22 +89,15 @@ class RecordedReadings:
         """Yield the readings from one number up to and including another."""
         return map(self.reading, range(first, len(self) if last is None else last + 1))
 
-    def samples(self, topic: Topic) -> list[tuple[int, WrenchWithUncertainty]]:
-        """Return the wrenches of a topic by their stamps, at most as many as the page keeps of a sensor."""
+    def fill(self, history: WrenchHistory) -> None:
+        """Add all wrenches of the recording that belong to a history of estimates, or of measured wrenches."""
+        topic = Topic.ESTIMATED if history.states_errors else Topic.MEASURED
         positions = self.recording.positions(topic)
-        positions = positions[np.argsort(positions["stamp_ns"], kind="stable")]
-        kept, found = -np.inf, []
-        for position in positions:
-            stamp_ns = int(position["stamp_ns"])
-            if stamp_ns - kept < NS_PER_S / MOST_HZ - ROUNDING_NS:
-                continue
-            kept = stamp_ns
-            if topic is Topic.ESTIMATED:
-                estimate = self.recording.estimate(self.recording.message(position))
-                found.append((stamp_ns, WrenchWithUncertainty.of_estimate(estimate)))
+        for position in positions[np.argsort(positions["stamp_ns"], kind="stable")]:
+            if history.states_errors:
+                history.add_estimate(self.recording.estimate(self.recording.message(position)))
             else:
-                found.append((stamp_ns, WrenchWithUncertainty(self.recording.wrench(position), _UNKNOWN_STD)))
-        return found
+                history.add(WrenchWithUncertainty(self.recording.wrench(position), UNKNOWN_STD))
 
     def close(self) -> None:
         """Close the file."""
@@ -168,13 +153,19 @@ class RecordedSensor:
     ) -> None:
         """path: of the recording, with several sensors `grasp.mcap#left`. sources: the columns of wrenches that the page has.
         Raises what `RecordedReadings` raises."""
-        self.path, self.shape, self._scale, self._sources = path, shape, scale, tuple(sources)
+        self.path, self.shape, self._scale = path, shape, scale
         self.readings = RecordedReadings(path, shape)
+        forces = self.readings.recording.metadata.force_torque
+        self._histories: list[WrenchHistory] = []
+        for one in sources:
+            meaning = "as recorded" if one.states_errors or not forces else f"as recorded: {forces}"
+            history = WrenchHistory(one.name, meaning, states_errors=one.states_errors, keeps_all=True)
+            self.readings.fill(history)
+            self._histories.append(history)
         self.trouble = ""
         """Why the image at the present time cannot be shown; empty where it can."""
         self._number = -1
         self._view: ReadingView | None = None
-        self._samples = {topic: self.readings.samples(topic) for topic in (Topic.MEASURED, Topic.ESTIMATED)}
         self._closing, self._curve = Event(), list[tuple[int, float]]()
         self._thread = Thread(target=self._measure_curve, name=f"measure {path.name}", daemon=True)
         self._thread.start()
@@ -229,20 +220,15 @@ class RecordedSensor:
 
         Another wrench is the nearest one. One that is farther away than `SILENT_AFTER_MS` is not of this moment.
         """
-        forces = self.readings.recording.metadata.force_torque
-        for source in self._sources:
-            samples = self._samples[Topic.ESTIMATED if source.states_errors else Topic.MEASURED]
-            end = bisect_right(samples, stamp_ns, key=lambda sample: sample[0])
-            begin = bisect_right(samples, stamp_ns - HISTORY_S * NS_PER_S, key=lambda sample: sample[0])
-            if source.states_errors:
+        for history in self._histories:
+            found = history.snapshot(stamp_ns, stamp_ns)
+            if history.states_errors:
                 sample = None if estimate is None else WrenchWithUncertainty.of_estimate(estimate)
             else:
-                near = min(samples[max(end - 1, 0) : end + 1], key=lambda one: abs(one[0] - stamp_ns), default=None)
-                is_near = near is not None and abs(near[0] - stamp_ns) <= SILENT_AFTER_MS * 1e6
-                sample = near[1] if near is not None and is_near else None
-            meaning = "as recorded" if source.states_errors or not forces else f"as recorded: {forces}"
-            state = (None, (), source.states_errors)
-            yield WrenchSourceSnapshot(source.name, meaning, sample, tuple(samples[begin:end]), stamp_ns, *state)
+                near = found.sample
+                is_far = near is None or abs(near.wrench.stamp_ns - stamp_ns) > SILENT_AFTER_MS * 1e6
+                sample = None if is_far else near
+            yield replace(found, sample=sample)
 
     def _history_until(self, stamp_ns: int) -> Array:
         """Return seconds before a stamp and indentations, as far as they have been computed."""
@@ -319,7 +305,7 @@ class RecordingPlayer:
 
     def seek(self, at_s: float) -> None:
         """Stop at the image nearest to a time, within the recording."""
-        self._stop_at(int(np.abs(self._times_s - at_s).argmin()) if np.isfinite(at_s) else 0)
+        self._stop_at(int(np.abs(self._times_s - at_s).argmin()))
 
     def step(self, images: int) -> None:
         """Stop, and go so many images forwards or backwards."""

@@ -17,10 +17,11 @@ from viser import GuiApi, GuiButtonHandle, GuiEvent, Icon, IconName
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
+from ninedtact.live.reading_recorder import ReadingRecorder, RecorderState
 from ninedtact.reading import Reading
 from ninedtact.recording.export import export_each_sensor
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
-from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
+from ninedtact.recording.topics_and_messages import LabelledSpan
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.source_addresses import RECORDING_SUFFIX, load_recorded_sensor
 from ninedtact.studio.page_cards import (
@@ -33,10 +34,9 @@ from ninedtact.studio.page_cards import (
     time_slider_marks,
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
-from ninedtact.studio.page_recorder import PageRecorder, RecorderState
 from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import save_surface_sequence, save_video
-from ninedtact.studio.viewer import Side, ViewerPage, is_user_event, set_gui_control
+from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -52,7 +52,7 @@ class RecordingsPanelContext:
     """What the recordings panels of all viewers share: recorder, first recording, calibrations and exporters."""
 
     sensor: SensorFolder
-    recorder: PageRecorder | None = None
+    recorder: ReadingRecorder | None = None
     """None on a page without a sensor."""
     opens: Path | None = None
     """The recording that every viewer begins with."""
@@ -87,6 +87,19 @@ class RecordingsPanel:
         self._opened_name, self._shown_state = NOTHING, RecorderState()
         self._listed_at, self._was_running = -_LIST_EVERY_S, False
         self._marks_s, self._slid_s = [0.0, 0.0], -1.0
+
+    @property
+    def _chosen_sensor(self) -> RecordedSensor:
+        """The recorded sensor that the views show, or the first; raises `InputError`."""
+        sensors = self._opened.sensors
+        return sensors[min(self._viewer.options.sensor or 0, len(sensors) - 1)]
+
+    @property
+    def _opened(self) -> RecordingPlayer:
+        """What is open; raises `InputError`."""
+        if self._player is None:
+            raise InputError(expected="an open recording to export", got="none", remedy="open one first")
+        return self._player
 
     def build(self, gui: GuiApi) -> None:
         """Add the controls of recording, playing, labels and export."""
@@ -126,31 +139,31 @@ class RecordingsPanel:
             }
             self._exports: list[GuiButtonHandle] = []
             for name, (icon, hint, export) in exports.items():
-                self._exports.append(gui.add_button(name, icon=icon, visible=False, hint=hint))
-                self._exports[-1].on_click(partial(self._export, export))
+                button = gui.add_button(name, icon=icon, visible=False, hint=hint)
+                button.on_click(partial(self._export, export))
+                self._exports.append(button)
             self._progress = gui.add_html("")
-        gui.add_command("Frame back", hotkey="J").on_trigger(lambda event: self._step(-1))
-        gui.add_command("Play or pause", hotkey="K").on_trigger(lambda event: self._step(0))
-        gui.add_command("Frame forward", hotkey="L").on_trigger(lambda event: self._step(1))
+        for name, key, images in (("Frame back", "J", -1), ("Play or pause", "K", 0), ("Frame forward", "L", 1)):
+            gui.add_command(name, hotkey=key).on_trigger(lambda event, images=images: self._step(images))
         if self._context.opens is not None:
             self._open(self._context.opens)
 
     def update(self, moment: PageMoment) -> None:
         """Show the state of the recorder, and the place in time."""
-        state = RecorderState()
-        if self._context.recorder is not None:
-            state = self._context.recorder.state()
+        recorder, state = self._context.recorder, RecorderState()
+        if recorder is not None:
+            state = recorder.state()
             self._show_recorder(state)
         if self._player is not None and self._player.at_s != self._slid_s:
             # Only where time has gone on by itself: a slider that a person drags must not be set back.
             self._slid_s = self._player.at_s
-            set_gui_control(self._slider, round(self._slid_s, 3))
+            self._slider.value = round(self._slid_s, 3)
         is_due = monotonic() - self._listed_at > _LIST_EVERY_S or state.is_running != self._was_running
         if self._context.opens is None and is_due:
             self._listed_at, self._was_running = monotonic(), state.is_running
             self._list_recordings(state)
 
-    def _build_record(self, gui: GuiApi, recorder: PageRecorder) -> None:
+    def _build_record(self, gui: GuiApi, recorder: ReadingRecorder) -> None:
         with gui.add_folder("record"):
             self._record = gui.add_button("Record", icon=Icon.PLAYER_RECORD, color="red", hint=f"into {recorder.out}")
             self._recorded = gui.add_html("")
@@ -159,7 +172,7 @@ class RecordingsPanel:
             self._record.on_click(lambda event: self._toggle_record(recorder))
             self._live_begin.on_click(lambda event: self._toggle_label(recorder))
 
-    def _toggle_record(self, recorder: PageRecorder) -> None:
+    def _toggle_record(self, recorder: ReadingRecorder) -> None:
         """Do what the button says, also where another person has just done so."""
         with self._viewer.notify_refusal("Not recorded"):
             if self._shown_state.is_running:
@@ -169,7 +182,7 @@ class RecordingsPanel:
             else:
                 recorder.start()
 
-    def _toggle_label(self, recorder: PageRecorder) -> None:
+    def _toggle_label(self, recorder: ReadingRecorder) -> None:
         with self._viewer.notify_refusal("No label"):
             if self._shown_state.label is None:
                 recorder.begin_label(self._live_label.value)
@@ -211,7 +224,7 @@ class RecordingsPanel:
             self._player, self._opened_name = player, path.name
             self._marks_s = [0.0, player.duration_s]
             viewer.play(player)
-            self._show_labels()
+            self._show_labels(player)
         self._show_controls()
 
     def _close(self) -> None:
@@ -222,13 +235,11 @@ class RecordingsPanel:
 
     def _show_controls(self) -> None:
         is_open = self._player is not None
-        self._labels.visible = self._keys.visible = is_open
-        self._slider.visible = self._steps.visible = self._speed.visible = is_open
-        for button in self._exports:
-            button.visible = is_open
+        for control in (self._labels, self._keys, self._slider, self._steps, self._speed, *self._exports):
+            control.visible = is_open
         if self._context.opens is None:
             self._close_button.visible = is_open
-            set_gui_control(self._choice, self._opened_name)  # also where another one could not be opened
+            self._choice.value = self._opened_name  # also where another one could not be opened
 
     def _seek(self, event: GuiEvent[Any]) -> None:
         if is_user_event(event) and self._player is not None:
@@ -275,16 +286,14 @@ class RecordingsPanel:
         if self._player is not None:
             with self._viewer.notify_refusal("Label not changed"):
                 change(self._player)
-            self._show_labels()
+            self._show_labels(self._player)
 
-    def _show_labels(self) -> None:
-        player = self._player
-        if player is not None:
-            names = [_span_name(player, span) for span in player.spans]
-            self._label_choice.options = (WHOLE, *dict.fromkeys(names))
-            self._replace_slider(player)
-            self._list.content = card_html("lines", texts=names)
-            self._show_marks()
+    def _show_labels(self, player: RecordingPlayer) -> None:
+        names = [_span_name(player, span) for span in player.spans]
+        self._label_choice.options = (WHOLE, *dict.fromkeys(names))
+        self._replace_slider(player)
+        self._list.content = card_html("lines", texts=names)
+        self._show_marks()
 
     def _replace_slider(self, player: RecordingPlayer) -> None:
         """Show the time on another slider, because viser takes the marks of labels only when a slider is made."""
@@ -325,9 +334,9 @@ class RecordingsPanel:
             explained_wrench_table_html(moment.wrenches, False),
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
-        wrench = None if sample is None else sample.wrench
         sensor = moment.name or (self._context.sensor.id if self._player is None else self._player.sensor_id)
         title = f"{sensor}, {moment.status.sentence}"
+        wrench = None if sample is None else sample.wrench
         content = standalone_moment_html(view, cards, self._viewer.block, title, wrench).encode()
         self._quota.require_space(len(content), self._out, "a web page")
         write_file_atomically(path, content)
@@ -335,10 +344,10 @@ class RecordingsPanel:
         return path
 
     def _export_tables(self, time: str) -> Path:
-        path = self._out / f"{self._opened().path.stem}_export_{time}"
+        path = self._out / f"{self._opened.path.stem}_export_{time}"
         with ExitStack() as opened:
-            recordings = [opened.enter_context(Recording(one.path)) for one in self._opened().sensors]
-            count = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
+            recordings = [opened.enter_context(Recording(one.path)) for one in self._opened.sensors]
+            count = sum(len(one.readings) for one in self._opened.sensors)
             first = None if self._viewer.moment is None else self._viewer.moment.sensors[0].reading
             image_bytes = 0 if first is None else first.frame.image.nbytes + _HEIGHT_BYTES * first.height.z_mm.size
             self._quota.require_space(count * image_bytes, self._out, "an export")
@@ -348,46 +357,36 @@ class RecordingsPanel:
         return path
 
     def _export_surfaces(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_sensor().path)}_surfaces_{time}"
+        path = self._out / f"{_file_name(self._chosen_sensor.path)}_surfaces_{time}"
         with self._readings_of_choice() as readings:
             save_surface_sequence(readings, path, self._quota)
         return path
 
     def _export_video(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_sensor().path)}_{time}.mp4"
+        path = self._out / f"{_file_name(self._chosen_sensor.path)}_{time}.mp4"
         with self._readings_of_choice() as readings:
-            save_video(readings, self._viewer.controller.scale, self._chosen_sensor().readings.hz, path, self._quota)
+            save_video(readings, self._viewer.controller.scale, self._chosen_sensor.readings.hz, path, self._quota)
         return path
 
     @contextmanager
     def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
         """Give the readings of the chosen label, or all, and say how many have been asked for."""
-        readings, numbers = self._chosen_sensor().readings_within(self._chosen_span())
+        readings, numbers = self._chosen_sensor.readings_within(self._chosen_span())
         with readings:
             if not numbers:
                 raise InputError(
                     expected=f"images in {self._label_choice.value}", got="none", remedy="choose another label"
                 )
-            yield (self._say_and_read(readings.reading, number, numbers) for number in numbers)
 
-    def _say_and_read(self, read: Callable[[int], Reading], number: int, numbers: range) -> Reading:
-        self._say_progress(number - numbers.start + 1, len(numbers))
-        return read(number)
+            def read(number: int) -> Reading:
+                self._say_progress(number - numbers.start + 1, len(numbers))
+                return readings.reading(number)
+
+            yield map(read, numbers)
 
     def _say_progress(self, number: int, count: int) -> None:
         if number % 10 == 1 or number == count:
             self._progress.content = card_html("lines", texts=[f"exporting {number} of {count}"])
-
-    def _chosen_sensor(self) -> RecordedSensor:
-        """Return the recorded sensor that the views show, or of the first; raises `InputError`."""
-        sensors = self._opened().sensors
-        return sensors[min(self._viewer.options.sensor or 0, len(sensors) - 1)]
-
-    def _opened(self) -> RecordingPlayer:
-        """Return what is open; raises `InputError`."""
-        if self._player is None:
-            raise InputError(expected="an open recording to export", got="none", remedy="open one first")
-        return self._player
 
 
 Export = Callable[[str], Path]

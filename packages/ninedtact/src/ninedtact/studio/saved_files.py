@@ -7,14 +7,14 @@ import json
 import shutil
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from math import ceil
 from pathlib import Path
 from secrets import token_hex
-from threading import Lock
+from threading import Lock, RLock
 from typing import Any
 
 import cv2
@@ -24,23 +24,16 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
 from ninedtact.errors import OutputError
+from ninedtact.live.reading_recorder import ReadingRecorder, RecordedSensorMetadata
 from ninedtact.live.wrench_history import WrenchSourceSnapshot
 from ninedtact.reading import Reading
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
 
 FORMATS = ("npy", "png", "ply")
 SEQUENCE_EVERY = 2
 """Every how many rows and columns the surfaces of a sequence keep: 2 MB each with the default design."""
-
-
-@dataclass(frozen=True)
-class SaveLimits:
-    """How much the people at the page may save, all of them together."""
-
-    per_minute: int = 10
-    disk_share: float = 0.1
-    """Largest share of the disk space that was free before the first save."""
 
 
 _SAVED_BYTES_PER_PX = 100
@@ -50,28 +43,54 @@ _SAVED_BYTES_PER_PX = 100
 class SaveQuota:
     """Counts what is saved from one page, and refuses what would exceed the limits."""
 
-    def __init__(self, limits: SaveLimits) -> None:
-        self._limits, self._saved_at_s = limits, deque[float](maxlen=limits.per_minute)
-        self._written_bytes, self._lock, self._exporting = 0, Lock(), Lock()
+    def __init__(self, per_minute: int = 10, disk_share: float = 0.1) -> None:
+        """disk_share: largest share of the disk space that was free before the first save."""
+        self._per_minute, self._disk_share, self._saved_at_s = per_minute, disk_share, deque[float](maxlen=per_minute)
+        self._written_bytes, self._lock, self._exporting = 0, RLock(), Lock()
         self.writing = Lock()
         """Held while the files of one moment are written."""
 
     def count_save(self, needed_bytes: int, folder: Path, what: str = "another reading") -> None:
         """Count one save, before it; raises `OutputError` where it is one too many, or its bytes are."""
         with self._lock:
-            self._require_rate(time.monotonic())
-            self._require_space(needed_bytes, folder, what)
-            self._saved_at_s.append(time.monotonic())
+            now_s = time.monotonic()
+            if len(self._saved_at_s) == self._per_minute and (wait_s := self._saved_at_s[0] + 60 - now_s) > 0:
+                raise OutputError(
+                    expected=f"at most {self._per_minute} saves a minute",
+                    got="one more",
+                    remedy=f"wait {ceil(wait_s)} s, or use 'ninedtact record'",
+                )
+            self.require_space(needed_bytes, folder, what)
+            self._saved_at_s.append(now_s)
 
     def require_space(self, needed_bytes: int, folder: Path, what: str) -> None:
         """Raise `OutputError` where so many more bytes than were counted are too many."""
+        there = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.is_dir())
         with self._lock:
-            self._require_space(needed_bytes, folder, what)
+            allowed = self._disk_share * (shutil.disk_usage(there).free + self._written_bytes)
+            if self._written_bytes + needed_bytes > allowed:
+                raise OutputError(
+                    expected=f"the page to save at most {self._disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB",
+                    got=f"{self._written_bytes / 1e6:.0f} MB and {what}",
+                    remedy="free the disk, or choose another folder with --out",
+                )
 
     def add_bytes(self, written: int) -> None:
         """Count bytes that were written."""
         with self._lock:
             self._written_bytes += written
+
+    def new_recorder(self, sensors: Sequence[RecordedSensorMetadata], out: Path) -> ReadingRecorder:
+        """Return a recorder of readings with heights and labels, whose recordings count too."""
+
+        def count_growth(more_bytes: int) -> None:
+            self.add_bytes(more_bytes)
+            self.require_space(0, out, "a recording that goes on")
+
+        refuse = partial(self.count_save, 0, out, "a recording")
+        return ReadingRecorder(
+            sensors, out, topics=(Topic.HEIGHTS, Topic.SPANS), before_start=refuse, on_growth=count_growth
+        )
 
     @contextmanager
     def one_export(self) -> Iterator[None]:
@@ -84,25 +103,6 @@ class SaveQuota:
             yield
         finally:
             self._exporting.release()
-
-    def _require_rate(self, now_s: float) -> None:
-        most = self._limits.per_minute
-        if len(self._saved_at_s) == most and (wait_s := self._saved_at_s[0] + 60 - now_s) > 0:
-            raise OutputError(
-                expected=f"at most {most} saves a minute",
-                got="one more",
-                remedy=f"wait {ceil(wait_s)} s, or use 'ninedtact record'",
-            )
-
-    def _require_space(self, needed_bytes: int, folder: Path, what: str) -> None:
-        there = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.is_dir())
-        allowed = self._limits.disk_share * (shutil.disk_usage(there).free + self._written_bytes)
-        if self._written_bytes + needed_bytes > allowed:
-            raise OutputError(
-                expected=f"the page to save at most {self._limits.disk_share:.0%} of the free disk, {allowed / 1e6:.0f} MB",
-                got=f"{self._written_bytes / 1e6:.0f} MB and {what}",
-                remedy="free the disk, or choose another folder with --out",
-            )
 
 
 def save_moment_files(
@@ -119,23 +119,17 @@ def save_moment_files(
     """
     with quota.writing:
         quota.count_save(reading.frame.image.nbytes + _SAVED_BYTES_PER_PX * reading.height.z_mm.size, folder)
-        paths = _write_moment_files(reading, moment_json_dict(reading, status, wrenches), folder, sensor)
+        folder.mkdir(parents=True, exist_ok=True)
+        name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}" + f"_{sensor}" * bool(sensor)
+        image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
+        write_file_atomically(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
+        for path in heights:
+            export_shape(reading.height, path)
+        text = json.dumps(moment_json_dict(reading, status, wrenches), indent=2, ensure_ascii=False, allow_nan=False)
+        paths = [image, *heights, folder / f"{name}_moment.json"]
+        write_file_atomically(paths[-1], text.encode())
         quota.add_bytes(sum(path.stat().st_size for path in paths))
         return paths
-
-
-def _write_moment_files(reading: Reading, values: dict[str, Any], folder: Path, sensor: str) -> list[Path]:
-    """Write the files of a moment and return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    name = f"reading_{datetime.now():%Y%m%d_%H%M%S_%f}" + f"_{sensor}" * bool(sensor)
-    image, heights = folder / f"{name}_image.png", [folder / f"{name}_height.{ending}" for ending in FORMATS]
-    moment = folder / f"{name}_moment.json"
-    write_file_atomically(image, cv2.imencode(".png", reading.frame.image)[1].tobytes())
-    for path in heights:
-        export_shape(reading.height, path)
-    text = json.dumps(values, indent=2, ensure_ascii=False, allow_nan=False)
-    write_file_atomically(moment, text.encode())
-    return [image, *heights, moment]
 
 
 def moment_json_dict(reading: Reading, status: str, wrenches: Iterable[WrenchSourceSnapshot]) -> dict[str, Any]:

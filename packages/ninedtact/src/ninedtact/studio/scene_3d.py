@@ -7,11 +7,12 @@ arrows, the contact has an outline, and the object of a twin is drawn over the s
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64, UInt32
 from numpy import ndarray as Array
-from viser import ArrowsHandle, LabelHandle, LineSegmentsHandle, MeshHandle, PointCloudHandle, SceneApi, ViserServer
+from viser import ArrowsHandle, LineSegmentsHandle, MeshHandle, PointCloudHandle, SceneApi, ViserServer
 from viser.transforms import SO3
 
 from ninedtact.design import Gel
@@ -29,8 +30,7 @@ AWAY_MM = 0.9
 """Distance of the numbers from their edge."""
 
 
-@dataclass(frozen=True)
-class _Mark:
+class _Mark(NamedTuple):
     """A text at a position in mm in the sensor frame."""
 
     text: str
@@ -114,8 +114,12 @@ class _WrenchArrows:
     """One wrench in the scene; the head of the arrow is where the force passes through the undeformed skin."""
 
     def __init__(self, scene: SceneApi, name: str) -> None:
-        self._force = _add_arrow(scene, f"{name}/force", FORCE)
-        self._twist = _add_arrow(scene, f"{name}/twist", TWIST)
+        nothing = np.zeros((1, 2, 3), np.float32)
+        sizes: dict[str, float] = {"shaft_radius": SHAFT_MM, "head_radius": HEAD_MM, "head_length": HEAD_LONG_MM}
+        self._force, self._twist = (
+            scene.add_arrows(f"{name}/{part}", nothing, colour, visible=False, **sizes)
+            for part, colour in (("force", FORCE), ("twist", TWIST))
+        )
         whole = np.zeros((ARC_PIECES, 2, 3), np.float32)
         self._arc = scene.add_line_segments(
             f"{name}/arc", whole, TWIST, thickness=4.0, thickness_units="screen", visible=False
@@ -134,19 +138,6 @@ class _WrenchArrows:
         # The arrows become visible only now, so that no browser draws them at their old position.
         self._force.visible = True
         self._arc.visible = self._twist.visible = abs(turn_deg) > LEAST_ARC_DEG
-
-
-def _add_arrow(scene: SceneApi, name: str, colour: tuple[int, int, int]) -> ArrowsHandle:
-    """Add one arrow, initially hidden."""
-    return scene.add_arrows(
-        name,
-        np.zeros((1, 2, 3), np.float32),
-        colour,
-        shaft_radius=SHAFT_MM,
-        head_radius=HEAD_MM,
-        head_length=HEAD_LONG_MM,
-        visible=False,
-    )
 
 
 def centre_of_pressure_mm(wrench: Wrench) -> Float64[Array, "3"] | None:
@@ -217,7 +208,10 @@ class SkinScene:
             visible=False,
         )
         marks = [*block.marks(), *([_Mark(name, (0.0, block.length_mm / 2 + 3 * AWAY_MM, 0.0))] if name else [])]
-        self._marks = [(mark, _add_label(scene, f"{at}/gel/mark_{n}", mark.text)) for n, mark in enumerate(marks)]
+        style: dict[str, Any] = {"font_screen_scale": 0.8, "anchor": "center-center"}
+        self._marks = [
+            (mark, scene.add_label(f"{at}/gel/mark_{n}", mark.text, **style)) for n, mark in enumerate(marks)
+        ]
         self._wrench = _WrenchArrows(scene, f"{at}/wrench")
         self._object: MeshHandle = scene.add_mesh_simple(f"{at}/object", empty, level, visible=False)
         self._indenter: Indenter | None = None
@@ -305,19 +299,20 @@ def indenter_underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], 
 
 
 def set_up_view(server: ViserServer, block: GelBlock) -> None:
-    """Place background, camera and lights for all viewers."""
-    server.scene.set_background_image(LIGHT)
-    _place_camera(server, block)
-    _add_lights(server)
+    """Place background, camera and lights for all viewers: from the front and above, with x to the right.
 
-
-def _place_camera(server: ViserServer, block: GelBlock) -> None:
-    """Look at the skin from the front and above, with x to the right."""
-    far = max(block.width_mm, block.length_mm)
-    server.scene.set_up_direction("+z")
-    server.initial_camera.position, server.initial_camera.look_at = _camera_pose(block, far)
-    server.initial_camera.fov = FIELD_OF_VIEW_RAD
-    server.initial_camera.near, server.initial_camera.far = 0.1, 400 * far
+    The directional light shades the points too; the soft light has no shadows.
+    """
+    scene, camera, far = server.scene, server.initial_camera, max(block.width_mm, block.length_mm)
+    scene.set_background_image(LIGHT)
+    scene.set_up_direction("+z")
+    camera.position, camera.look_at = _camera_pose(block, far)
+    camera.fov, camera.near, camera.far = FIELD_OF_VIEW_RAD, 0.1, 400 * far
+    scene.configure_default_lights(enabled=False, cast_shadow=False)
+    scene.configure_environment_map(hdri=None)
+    scene.add_light_ambient("/light/soft", intensity=1.1)
+    towards = tuple(20 * LIGHT_DIRECTION.astype(float))
+    scene.add_light_directional("/light/grazing", position=towards, intensity=2.2)
 
 
 def _camera_pose(block: GelBlock, far: float) -> tuple[Point, Point]:
@@ -360,18 +355,3 @@ class SideBySideLayout:
         deep = length_mm + 0.5 * (rows - 1) * step_mm
         far = max(wide, deep) if sensors > 1 or covered else length_mm
         self.camera_mm, self.target_mm = _shift_upwards_in_view(_camera_pose(block, far), 0.5 * covered)
-
-
-def _add_lights(server: ViserServer) -> None:
-    """Add the directional light that shades the points too, and soft light without shadows."""
-    server.scene.configure_default_lights(enabled=False, cast_shadow=False)
-    server.scene.configure_environment_map(hdri=None)
-    server.scene.add_light_ambient("/light/soft", intensity=1.1)
-    server.scene.add_light_directional(
-        "/light/grazing", position=tuple(20 * LIGHT_DIRECTION.astype(float)), intensity=2.2
-    )
-
-
-def _add_label(scene: SceneApi, node: str, text: str) -> LabelHandle:
-    """Add one text at an edge."""
-    return scene.add_label(node, text, font_screen_scale=0.8, anchor="center-center")

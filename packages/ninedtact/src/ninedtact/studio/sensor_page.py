@@ -10,7 +10,7 @@ from ninedtact.live.socket_guard import one_line_logger
 from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.page_server import PageServer, prepare_page
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
-from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel, WrenchPanel
+from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
 from ninedtact.studio.viewer import PanelFactory, ViewerPage
@@ -40,7 +40,6 @@ class SensorPage:
         self._panels: tuple[PanelFactory, ...] = (
             ImagesPanel,
             StatusPanel,
-            WrenchPanel,
             *press_panels,
             ScenePanel,
             ProfilePanel,

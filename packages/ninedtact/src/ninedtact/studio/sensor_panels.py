@@ -10,14 +10,12 @@ from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.page_cards import (
     card_html,
     explained_wrench_table_html,
-    name_value_table_html,
     shape_summary_html,
     status_html,
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment, SensorMoment
 from ninedtact.studio.sensor_group import group_status_html, group_wrench_table_html
 from ninedtact.studio.viewer import Side, ViewerPage
-from ninedtact.studio.wrench_curves import is_curve_redraw_due
 
 SIDE_BY_SIDE = "all side by side"
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
@@ -26,16 +24,20 @@ KEYS = "keys: F freeze or resume, S save, R take the reference, Ctrl+K all comma
 
 
 class StatusPanel:
-    """The state of the sensor, maximum indentation and contact area, and the buttons that everybody needs."""
+    """The state of the sensor, maximum indentation and contact area, the buttons that everybody needs, and the wrenches.
+
+    The wrenches are in one table, where `WrenchAndCurvesPanel` does not show it; of several sensors with the grip force.
+    """
 
     title, icon = "", None
     side: Side = "right"
 
     def __init__(self, viewer: ViewerPage) -> None:
         self._viewer = viewer
+        self._has_table = viewer.is_shared or viewer.is_narrow or not viewer.controller.sensors[0].wrenches
 
     def build(self, gui: GuiApi) -> None:
-        """Add the choice among several sensors, state, values and buttons."""
+        """Add the choice among several sensors, state, values, buttons and the table of wrenches."""
         viewer, names = self._viewer, [one.name for one in self._viewer.controller.sensors]
         if viewer.is_shared:
             shown = gui.add_dropdown(
@@ -56,21 +58,25 @@ class StatusPanel:
             "Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
         )
         save = gui.add_button("Save this reading", color="gray", icon=Icon.DEVICE_FLOPPY, hint=f"{SAVED_AS} (S)")
+        self._table = gui.add_html("", visible=self._has_table)
         self._freeze.on_click(lambda event: self._toggle_freeze())
         save.on_click(lambda event: self._save())
         gui.add_command("Freeze or resume", hotkey="F").on_trigger(lambda event: self._toggle_freeze())
         gui.add_command("Save this reading", hotkey="S").on_trigger(lambda event: self._save())
 
     def update(self, moment: PageMoment) -> None:
-        """Show state and values, whether the moment is frozen, and whether the browser keeps up."""
+        """Show state, values and wrenches, whether the moment is frozen, and whether the browser keeps up."""
         self._show_freeze()
         sentence = self._viewer.pace.sentence
         self._pace.content = card_html("line", text=sentence) if sentence else ""
         if len(moment.sensors) > 1:
             self._status.content, self._figures.content = group_status_html(moment.sensors), ""
+            self._table.content = group_wrench_table_html(moment.sensors) if self._has_table else ""
             return
         (alone,) = moment.sensors
         self._status.content = status_html(alone.status)
+        wrenches = explained_wrench_table_html(alone.wrenches, alone.status.is_past)
+        self._table.content = wrenches if self._has_table else ""
         if alone.view is not None:
             self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past)
 
@@ -94,30 +100,6 @@ class StatusPanel:
             self._viewer.notify("Saved", f"{len(paths)} files in {paths[0].parent}", "green")
 
 
-class WrenchPanel:
-    """The wrenches of all sources in one table above the tabs, where `WrenchAndCurvesPanel` does not show it."""
-
-    title, icon = "", None
-    side: Side = "right"
-
-    def __init__(self, viewer: ViewerPage) -> None:
-        self._is_here = viewer.is_shared or viewer.is_narrow or not viewer.controller.sensors[0].wrenches
-
-    def build(self, gui: GuiApi) -> None:
-        """Add the table."""
-        self._table = gui.add_html("", visible=self._is_here)
-
-    def update(self, moment: PageMoment) -> None:
-        """Show the wrenches of this moment, of several sensors with the grip force."""
-        if not self._is_here:
-            return
-        if len(moment.sensors) > 1:
-            self._table.content = group_wrench_table_html(moment.sensors)
-            return
-        (alone,) = moment.sensors
-        self._table.content = explained_wrench_table_html(alone.wrenches, alone.status.is_past)
-
-
 class ReferenceAndRatesPanel:
     """The button that takes the reference, the curve of the indentation in the last seconds, and rates and costs behind a fold."""
 
@@ -125,7 +107,7 @@ class ReferenceAndRatesPanel:
     side: Side = "right"
 
     def __init__(self, viewer: ViewerPage) -> None:
-        self._viewer, self._moments = viewer, 0
+        self._viewer = viewer
 
     def build(self, gui: GuiApi) -> None:
         """Add the button, the curve and the folded table."""
@@ -154,10 +136,9 @@ class ReferenceAndRatesPanel:
             f"{one.name} {name}".strip(): rate for one in moment.sensors for name, rate in _format_rates(one).items()
         }
         shown = self._viewer.choose_shown(moment)[0]
-        self._costs.content = name_value_table_html(rates | _format_stage_costs(shown, moment.page_ms))
+        self._costs.content = card_html("name_value_table", rows=rates | _format_stage_costs(shown, moment.page_ms))
         self._reference.disabled = shown.snapshot.phase is not SensorPhase.READING
-        self._moments += 1
-        if is_curve_redraw_due(self._viewer, moment, self._moments):
+        if self._viewer.redraws_curves:
             self._plot.data = tuple(shown.snapshot.history)
 
     def _take_reference(self, event: GuiEvent[Any] | CommandEvent) -> None:

@@ -20,16 +20,11 @@ from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.objects.catalogue import PRIMITIVES, indenter_from_name
 from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
-from ninedtact.simulation.trajectory import HOVER_MM
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
     FIT,
-    MAX_DEPTH_MM,
-    MAX_LOAD_N,
     MAX_NUMBER,
-    MAX_TILT_DEG,
-    MAX_TWIST_DEG,
     OBJECTS_BY_KIND,
     OWN_KIND,
     UPLOAD_SUFFIXES,
@@ -54,6 +49,16 @@ _SIDES = {
 }
 """The sides of a mesh, as the page names them."""
 _SEQUENCE, _BY_DEPTH, _BY_LOAD = "sequence plays", "to a depth", "under a load"
+_SLIDERS = {
+    "depth (mm)": 0.05,
+    "load (N)": 0.1,
+    "drag x (mm)": 0.1,
+    "drag y (mm)": 0.1,
+    "twist (°)": 1.0,
+    "tilt about x (°)": 0.5,
+    "tilt about y (°)": 0.5,
+}
+"""The sliders, in the order of the limits of `TwinPressController`, with their steps."""
 _THUMBNAIL_PX = 148
 _THUMBNAIL_HALF_MM, _THUMBNAIL_HEIGHT_MM = 9.0, 3.0
 
@@ -84,34 +89,22 @@ class TwinPressPanel:
 
     def build(self, gui: GuiApi) -> None:
         """Add the choice of objects, the sliders and the 3D handle."""
-        state, reach = self._control.state, self._control.reach_mm
+        state, limits = self._control.state, self._control.limits
         self._mode = gui.add_dropdown("press", (_SEQUENCE, _BY_DEPTH, _BY_LOAD), initial_value=_mode_of(state))
         self._kind = gui.add_dropdown("kind", (*OBJECTS_BY_KIND, OWN_KIND), initial_value=state.kind)
         self._family = gui.add_dropdown("object", self._names_of_kind(state.kind), initial_value=state.family)
         self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="which one of its family")
         self._pictured = self._objects_of_kind(state.kind)
         self._thumbnails = gui.add_html(object_thumbnails_html(*self._pictured))
-        self._depth = gui.add_slider("depth (mm)", -HOVER_MM, MAX_DEPTH_MM, 0.05, state.depth_mm)
-        self._load = gui.add_slider("load (N)", 0.0, MAX_LOAD_N, 0.1, state.load_n)
-        self._x = gui.add_slider("drag x (mm)", -reach[0], reach[0], 0.1, state.x_mm)
-        self._y = gui.add_slider("drag y (mm)", -reach[1], reach[1], 0.1, state.y_mm)
-        self._twist = gui.add_slider("twist (°)", -MAX_TWIST_DEG, MAX_TWIST_DEG, 1.0, state.twist_deg)
-        self._tilt_x = gui.add_slider("tilt about x (°)", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5, state.tilt_x_deg)
-        self._tilt_y = gui.add_slider("tilt about y (°)", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5, state.tilt_y_deg)
+        self._sliders = {
+            name: gui.add_slider(label, low, high, step, getattr(state, name))
+            for (name, (low, high)), (label, step) in zip(limits.items(), _SLIDERS.items(), strict=True)
+        }
         self._says = gui.add_html("")
         with gui.add_folder("own mesh (STL, OBJ)", expand_by_default=False):
             self._unit = gui.add_dropdown("unit", (FIT, *MM_PER_UNIT), initial_value="mm")
             self._side = gui.add_dropdown("side that faces the skin", tuple(_SIDES))
             upload = gui.add_upload_button("Upload a mesh", icon=Icon.UPLOAD, mime_type=",".join(UPLOAD_SUFFIXES))
-        self._sliders = {
-            "depth_mm": self._depth,
-            "load_n": self._load,
-            "x_mm": self._x,
-            "y_mm": self._y,
-            "twist_deg": self._twist,
-            "tilt_x_deg": self._tilt_x,
-            "tilt_y_deg": self._tilt_y,
-        }
         self._mode.on_update(self._choose_mode)
         for chooser in (self._kind, self._family, self._number):
             chooser.on_update(self._choose_object)
@@ -131,10 +124,14 @@ class TwinPressPanel:
 
     def _add_handle(self) -> None:
         """Add the handle with which the object is dragged in 3D; up and down is its depth."""
-        x, y = self._control.reach_mm
-        limits = ((-x, x), (-y, y), (HANDLE_LIFT_MM - MAX_DEPTH_MM, HANDLE_LIFT_MM + HOVER_MM))
+        limits = self._control.limits
+        deep, high = (HANDLE_LIFT_MM - depth_mm for depth_mm in limits["depth_mm"][::-1])
         self._handle = self._viewer.client.scene.add_transform_controls(
-            "/handle", _HANDLE_SCALE, translation_limits=limits, depth_test=False, opacity=0.7
+            "/handle",
+            _HANDLE_SCALE,
+            translation_limits=(limits["x_mm"], limits["y_mm"], (deep, high)),
+            depth_test=False,
+            opacity=0.7,
         )
         self._handle.on_update(self._note_drag)
         self._handle.on_update(self._follow_drag)
@@ -208,7 +205,7 @@ class TwinPressPanel:
 
     def _move(self, name: str, event: GuiEvent[Any]) -> None:
         """Hold the object where a slider is."""
-        if not is_user_event(event) or not np.isfinite(event.target.value):
+        if not is_user_event(event):
             return
         by_load = {"depth_mm": {"by_load": False}, "load_n": {"by_load": True}}.get(name, {})
         for control in self._pressed:
@@ -246,7 +243,7 @@ class TwinPressPanel:
             self._pictured = pictured
             self._thumbnails.content = object_thumbnails_html(*pictured)
         self._number.visible = state.kind not in ("primitives", OWN_KIND)
-        self._depth.visible, self._load.visible = not state.by_load, state.by_load
+        self._sliders["depth_mm"].visible, self._sliders["load_n"].visible = not state.by_load, state.by_load
         chosen = (self._mode, _mode_of(state)), (self._kind, state.kind), (self._family, state.family)
         moved = ((slider, round(getattr(state, name), 3)) for name, slider in self._sliders.items())
         return self._follower.follow(*chosen, (self._number, state.number), *moved)

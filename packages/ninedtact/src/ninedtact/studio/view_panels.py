@@ -1,7 +1,6 @@
 """The panels with which a viewer looks at a moment: two images, the choice of views, and the profile of heights along a line."""
 
 from functools import partial
-from math import isfinite
 from typing import Any
 
 import cv2
@@ -34,7 +33,6 @@ from ninedtact.studio.viewer import (
     ViewerPage,
     ViewOptions,
     is_user_event,
-    set_gui_control,
 )
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
@@ -119,7 +117,9 @@ class ScenePanel:
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
         ThemeChoice(viewer.client)
         colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
-        times.on_update(lambda event: viewer.choose(exaggeration=_exaggeration(event.target.value)))
+        times.on_update(
+            lambda event: viewer.choose(exaggeration=float(np.clip(event.target.value, 1, MAX_EXAGGERATION)))
+        )
         outline.on_update(lambda event: viewer.choose(with_outline=event.target.value))
         source.on_update(lambda event: viewer.choose(source=ShownTraction(event.target.value)))
         pressure.on_update(lambda event: viewer.choose(pressure_arrows=event.target.value))
@@ -219,12 +219,12 @@ class ProfilePanel:
 
     def _choose_line(self, event: GuiEvent[Any]) -> None:
         """Move one end of the line."""
-        if is_user_event(event) and all(map(isfinite, (*self._start.value, *self._end.value))):
+        if is_user_event(event):
             self._show_line()
 
     def _show_line(self) -> None:
         """Show the chosen line in 3D too, as the control then says."""
-        set_gui_control(self._shown, True)
+        self._shown.value = True
         self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
     def _listen(self, is_picking: bool) -> None:
@@ -249,7 +249,7 @@ class ProfilePanel:
         x, y = np.clip(from_middles_mm[nearest, :2], -half_mm, half_mm).tolist()
         point = self._start if self._picks % 2 == 0 else self._end
         self._picks += 1
-        set_gui_control(point, (round(x, 1), round(y, 1)))
+        point.value = (round(x, 1), round(y, 1))
         if self._viewer.options.sensor is None:
             self._viewer.choose(profile_sensor=nearest)
         self._show_line()
@@ -263,8 +263,3 @@ def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source:
         return sticking_legend_html()
     end_mpa = view.scale_end_mpa(kind, source)
     return "" if end_mpa is None else magnitude_legend_html(f"{kind}, {source}", end_mpa)
-
-
-def _exaggeration(value: float) -> float:
-    """Return an exaggeration within its limits; a browser may send any number."""
-    return float(np.clip(value, 1.0, MAX_EXAGGERATION)) if isfinite(value) else 1.0

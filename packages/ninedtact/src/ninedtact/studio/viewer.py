@@ -12,14 +12,16 @@ from functools import partial
 from pathlib import Path
 from threading import RLock, Thread
 from time import monotonic, monotonic_ns, time
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol
 
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
+from ninedtact.live.sensor_poller import SensorPhase
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
 from ninedtact.studio.page_server import draw_unless_interrupted
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
+from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.scene_3d import DARK, LIGHT, GelBlock, SideBySideLayout
 
 NOTICE_S = 8.0
@@ -27,6 +29,8 @@ NOTICE_S = 8.0
 MOST_DOWNLOAD_BYTES = 32_000_000
 """Larger files are only written on the sensor's computer."""
 MAX_EXAGGERATION = 10.0
+CURVES_EVERY = 3
+"""Number of moments after which curves are drawn again."""
 MAX_COARSER = 4
 """Largest factor by which points of the surface are farther apart than in the finest one."""
 MAX_LEFT_OUT = 0.5
@@ -77,7 +81,7 @@ class ThemeChoice:
     def _restore(self) -> None:
         with suppress(RuntimeError, TimeoutError):  # the browser has left, or keeps nothing
             if self._client.local_storage.get_item(_THEME_KEY, _THEME_WITHIN_S) == "dark":
-                set_gui_control(self._dark, True)
+                self._dark.value = True
 
 
 Side = Literal["left", "lower left", "right"]
@@ -131,17 +135,6 @@ class Panel(Protocol):
 
 
 PanelFactory = Callable[["ViewerPage"], Panel]
-
-
-@runtime_checkable
-class MomentSource(Protocol):
-    """What one viewer is shown in place of the sensor: a recording that is played."""
-
-    def moment(self, newest: PageMoment) -> PageMoment:
-        """Return the moment to show, given the newest one of the sensor."""
-
-    def close(self) -> None:
-        """Close its file; nothing is asked for afterwards."""
 
 
 class ClientSurfaceDensity:
@@ -201,8 +194,9 @@ class ViewerPage:
         self.moment: PageMoment | None = None
         """The moment that this viewer is shown; None before the first."""
         self.pace = ClientSurfaceDensity()
-        self._played: MomentSource | None = None
-        self._has_left = False
+        self._played: RecordingPlayer | None = None
+        self._has_left, self._moments, self.redraws_curves = False, 0, False
+        """redraws_curves: whether curves are drawn with this moment; with every one of a recording, else from time to time."""
         self._frozen = False
         self._lock = RLock()
         self._panels = [make(self) for make in panels]
@@ -249,7 +243,7 @@ class ViewerPage:
         with self._lock:
             self._frozen = not self._frozen and self.moment is not None
 
-    def play(self, source: MomentSource | None) -> None:
+    def play(self, source: RecordingPlayer | None) -> None:
         """Show a recording in place of the sensor, or the sensor again; what is not shown any more is closed."""
         with self._lock:
             before, self._frozen = [self._played], False
@@ -286,7 +280,9 @@ class ViewerPage:
             moment = newest if self._played is None else self._played.moment(newest)
             if self._frozen and self.moment is not None:
                 moment = self.moment.frozen_copy(moment, monotonic_ns())
-            self.moment = moment
+            self.moment, self._moments = moment, self._moments + 1
+            is_recorded = moment.sensors[0].snapshot.phase is SensorPhase.RECORDED
+            self.redraws_curves = not self._frozen and (is_recorded or self._moments % CURVES_EVERY == 0)
             self._passed_before = passed
             with self.client.atomic():
                 self._beat.content = f"{passed}"
@@ -333,12 +329,7 @@ class ViewerPage:
                 columns[side] = gui.add_tab_group() if side == "right" else gui.add_panel()
             with columns[side].add_tab(panel.title, panel.icon):
                 panel.build(gui)
-        self._dock(columns.get("left"), columns.get("lower left"))
-
-    def _dock(
-        self, upper: PanelHandle | GuiTabGroupHandle | None, lower: PanelHandle | GuiTabGroupHandle | None
-    ) -> None:
-        """Dock the panels of the left column, one below the other."""
+        upper, lower = columns.get("left"), columns.get("lower left")
         if isinstance(upper, PanelHandle):
             upper.dock_left()
             upper.set_width(LEFT_PX)
@@ -349,11 +340,6 @@ class ViewerPage:
 def is_user_event(event: GuiEvent[Any]) -> bool:
     """Return whether a person changed the control; the page itself changes controls too, to follow what others do."""
     return event.client is not None
-
-
-def set_gui_control(control: Any, value: Any) -> None:
-    """Set a control of one viewer to a value; a control that has it already is left alone."""
-    control.value = value
 
 
 class ControlFollower:
@@ -377,6 +363,6 @@ class ControlFollower:
             if changed_at != self._set_at.get(id(control), changed_at) and time() - changed_at < self.handled_within_s:
                 are_shown &= bool(control.value == value)
             else:
-                set_gui_control(control, value)
+                control.value = value
                 self._set_at[id(control)] = control.update_timestamp
         return are_shown

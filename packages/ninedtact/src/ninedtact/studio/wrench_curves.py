@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from numpy import ndarray as Array
 from viser import GuiApi, GuiEvent, Icon, uplot
 
-from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
+from ninedtact.live.sensor_poller import HISTORY_S
 from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot
 from ninedtact.studio.page_cards import COLOURS, card_html, wrench_meaning_html, wrench_table_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
@@ -17,8 +17,6 @@ from ninedtact.studio.sensor_group import GRIP_COLOUR, colour_of_sensor
 from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
 
 Curve = Float64[Array, " n"]
-PLOT_EVERY = 3
-"""Number of moments after which the curves are redrawn."""
 LEAST_N, LEAST_NMM = 2.0, 4.0
 """Smallest half range of the curves, so that noise stays small."""
 CURVE_POINTS = 400
@@ -33,12 +31,6 @@ _COMPONENTS = {_NORMAL: (2, -1.0)} | {
     for number, axis in enumerate("xyz")
 }
 """What the plot of several sensors can show: number of the component, and its factor."""
-
-
-def is_curve_redraw_due(viewer: ViewerPage, moment: PageMoment, moments: int) -> bool:
-    """Return whether curves are redrawn: from time to time, and with every moment of a recording, but not while frozen."""
-    is_recorded = moment.sensors[0].snapshot.phase is SensorPhase.RECORDED
-    return not viewer.is_frozen and (moments % PLOT_EVERY == 0 or is_recorded)
 
 
 def component_curve_and_error_band(moment: WrenchSourceSnapshot, at_s: Curve, axis: int, unit: float) -> list[Curve]:
@@ -118,7 +110,7 @@ class WrenchAndCurvesPanel:
     side: Side = "lower left"
 
     def __init__(self, viewer: ViewerPage) -> None:
-        self._viewer, self._moments = viewer, 0
+        self._viewer = viewer
 
     def build(self, gui: GuiApi) -> None:
         """Add the table and the plots."""
@@ -148,8 +140,7 @@ class WrenchAndCurvesPanel:
         if not self._viewer.is_narrow:
             self._table.content = wrench_table_html(sensor.wrenches, sensor.status.is_past) if sensor.wrenches else ""
             self._meaning.content = wrench_meaning_html(sensor.wrenches) if sensor.wrenches else ""
-        self._moments += 1
-        if not is_curve_redraw_due(self._viewer, moment, self._moments) or not sensor.wrenches:
+        if not self._viewer.redraws_curves or not sensor.wrenches:
             return
         for plot, first, unit, least in self._plots:
             plot.draw(
@@ -176,7 +167,7 @@ class SensorGroupCurvesPanel:
     side: Side = "lower left"
 
     def __init__(self, viewer: ViewerPage) -> None:
-        self._viewer, self._moments, self._shown = viewer, 0, _NORMAL
+        self._viewer, self._shown = viewer, _NORMAL
 
     def build(self, gui: GuiApi) -> None:
         """Add the choice of the component, and the plot."""
@@ -201,11 +192,10 @@ class SensorGroupCurvesPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Redraw the curves from time to time, and not while they are frozen."""
-        self._moments += 1
         colours = [(one.name, colour_of_sensor(number)) for number, one in enumerate(moment.sensors)]
         colours += [("grip force", GRIP_COLOUR)] if self._grips and self._shown == _NORMAL else []
         self._legend.content = card_html("sensor_legend", colours=colours, are_some_dashed=self._are_some_dashed)
-        if is_curve_redraw_due(self._viewer, moment, self._moments):
+        if self._viewer.redraws_curves:
             self._draw(moment.sensors)
 
     def _choose(self, event: GuiEvent[Any]) -> None:
