@@ -50,6 +50,7 @@ from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.mechanics.interface_deflection import STIFFENING
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
@@ -235,7 +236,13 @@ def _make_record(
         reader = partial(fits.ball.reader, source=rectify.height_source)
         noise_mm = simulate_height_noise_mm(reader, rectify, images.ball_pair[0], noise_grey_levels)
         depth = DepthTable(
-            settings.method, noise_mm, settings.smoothing, fits.ball.curve, fits.ball.loss, fits.ball.deblurring
+            settings.method,
+            noise_mm,
+            settings.smoothing,
+            fits.ball.curve,
+            fits.ball.loss,
+            fits.ball.deblurring,
+            STIFFENING if fits.ball.interface is None else fits.ball.interface.stiffening,
         )
         ball_quality = _ball_quality(images.ball_pair[0], fits.ball, design, noise_mm)
         if fits.twin is not None:

@@ -111,7 +111,7 @@ class SensorFolder:
             depth.smoothing,
             depth.dimming,
             depth.deblurring,
-            None if self.record.twin is None else InterfaceDeflection(self.record.twin.gel),
+            None if self.record.twin is None else InterfaceDeflection(self.record.twin.gel, depth.base_stiffening),
             (EstimateWarning.CALIBRATION_EDITED,) if self.is_edited else (),
         )
 

@@ -13,6 +13,7 @@ from msgspec import Meta, Struct, field
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.mechanics.interface_deflection import STIFFENING
 from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens_and_rectification import (
     CameraRotation,
@@ -210,6 +211,8 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     """The loss of light of the whole image when a part of the skin is dark."""
     deblurring: Deblurring | None = None
     """The point spread that a fine reconstruction removes, where it is known."""
+    base_stiffening: Annotated[float, Meta(ge=0, le=10)] = STIFFENING
+    """How much more the base of this gel yields at finite strain (`InterfaceDeflection.stiffening`)."""
 
 
 _Correlation = Annotated[float, Meta(ge=-1.000001, le=1.000001)]

@@ -24,9 +24,9 @@ PITCH_MM = 0.4
 MARGIN_MM = 6.0
 """Width of the skin beyond the field; thicker or thinner gel there is not seen and taken as untouched."""
 ITERATIONS = 3
-STIFFENING_BY_SHEAR = 1.3
-"""Factor on the stiffening, because friction carries a part of the load that the filter attributes to pressure. Found on balls of
-4 mm on bases of ratio 3 to 10, down to 0.8 of the thickness: with it, depths are right to 2 %."""
+STIFFENING = 1.3
+"""Usual factor on the stiffening, because friction carries a part of the load that the filter attributes to pressure. Found on
+balls of 4 mm on bases 3 to 10 times as stiff as the gel, down to 0.8 of the thickness: with it, depths are right to 2 %."""
 
 Field = Float32[Array, "rows cols"]
 
@@ -36,6 +36,8 @@ class InterfaceDeflection:
     """Computes the height of the interface below a gel from the change of the gel's thickness."""
 
     gel: Gel
+    stiffening: float = STIFFENING
+    """Factor on what finite strain adds; a calibration finds the one that gives the depth of its own ball."""
 
     def __call__(self, thickness_change_mm: Field, mm_per_px: float) -> Field:
         """Return the height of the interface, negative where it is pressed down; zero where the base is rigid.
@@ -67,7 +69,7 @@ class InterfaceDeflection:
         for _ in range(ITERATIONS if self.gel.finite_strain else 0):
             height_mm = linear_mm + irfft2(rfft2(linear_mm) * share, s=grid.shape)
             stiffening = finite_strain_stiffening(height_mm, linear_mm, self.gel)
-            added = STIFFENING_BY_SHEAR * (stiffening - 1) * np.minimum(linear_mm, 0)
+            added = self.stiffening * (stiffening - 1) * np.minimum(linear_mm, 0)
             linear_mm = thickness_change_mm + irfft2(rfft2(added) * share, s=grid.shape)
         # The linear gel would be as much thinner as the interface of the stiffer one is deeper.
         height_mm = linear_mm + irfft2(rfft2(linear_mm) * share, s=grid.shape)

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 from scipy.ndimage import gaussian_filter1d
-from scipy.optimize import isotonic_regression, minimize
+from scipy.optimize import isotonic_regression, minimize, minimize_scalar
 
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_press
 from ninedtact.calibration.ball.contact_circle import require_explained_by_ball, spherical_cap_height_mm
@@ -206,6 +206,8 @@ _CONTINUATION_ERROR_PER_MM = 0.2
 """Error of the curve beyond the depth of the press, in mm per mm."""
 _MAX_BULGE_MM = 1.0
 """Largest height that the curve of bulges covers."""
+_STIFFENING_BOUNDS = 0.0, 4.0
+"""Range of the factor on the stiffening of the base (`InterfaceDeflection.stiffening`)."""
 _NOISE_FLOORS = (0.01, 0.03, 0.1)
 """The noise floors of the deblurring that are tried, from sharp to smooth; the one that reconstructs the ball best is taken."""
 
@@ -238,10 +240,20 @@ class TwinBallFit(BallFit):
         sightlines = SightlineGrid(x, y, self.twin_fit.light.inverse_distance_per_mm)
         return sightlines.sample(PATCH, self.twin_fit.press.centre_mm, height_mm, field, fine=True)
 
-    @property
+    @cached_property
     def interface(self) -> InterfaceDeflection:
-        """The deflection of the base of the fitted gel."""
-        return InterfaceDeflection(self.twin_fit.gel)
+        """The deflection of the base of the fitted gel, with the stiffening that gives the depth of this ball best."""
+        thinner, height_mm = self.disc, self.height_mm
+        usual = InterfaceDeflection(self.twin_fit.gel)
+
+        def error_mm(stiffening: float) -> float:
+            deflection_mm = replace(usual, stiffening=stiffening)(self.thickness_change_mm, self.press.before.mm_per_px)
+            return float(np.abs(self.thickness_change_mm + deflection_mm - height_mm)[thinner].mean())
+
+        if usual.gel.has_rigid_base or not thinner.any():
+            return usual
+        best = minimize_scalar(error_mm, bounds=_STIFFENING_BOUNDS, method="bounded", options={"xatol": 0.02})
+        return replace(usual, stiffening=float(best.x))
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:

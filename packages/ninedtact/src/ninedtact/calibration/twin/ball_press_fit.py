@@ -167,48 +167,6 @@ RELATIVE_THICKNESS_STD = 0.22
 BASE_MODULUS_STD = 0.05
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a rigid
 base to one six times as stiff as the gel."""
-BASE_MODULUS_MODEL_STD**2 * np.outer(change_per_base, change_per_base)
-    standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
-    divisors = np.where(standard_deviations > 0, standard_deviations, 1)
-    named = dict(zip(PARAMETER_NAMES, standard_deviations.tolist(), strict=True))
-    return FitUncertainty(effective_observations, named, covariance / np.outer(divisors, divisors))
-
-
-def effective_observation_count(residual: Float[Array, "rows cols"]) -> float:
-    """Return the effective number of independent observations: their number divided by the sum of their mutual correlations.
-
-    residual: the residual of a fit as an image; not-a-number where nothing was observed.
-    """
-    is_observed = np.isfinite(residual)
-    values = residual[is_observed]
-    centred = np.where(is_observed, residual - values.mean(), 0.0)
-    pair_counts = np.maximum(_autocorrelation_sums(is_observed.astype(float)), 1)
-    correlation = _autocorrelation_sums(centred) / pair_counts / np.mean(values**2)
-    lag_rows, lag_cols = np.indices(correlation.shape)
-    lag = np.hypot(lag_rows - correlation.shape[0] // 2, lag_cols - correlation.shape[1] // 2).astype(int)
-    radial_mean = np.bincount(lag.ravel(), correlation.ravel()) / np.bincount(lag.ravel())
-    first_zero = int(np.argmax(radial_mean <= 0)) or len(radial_mean)
-    correlation_sum = float(correlation[lag < first_zero].sum())
-    return float(max(values.size / max(correlation_sum, 1.0), len(PARAMETER_NAMES) + 1.0))
-
-
-def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
-    """Return the autocorrelation sums at all lags, with lag zero in the middle."""
-    from scipy.fft import irfft2, next_fast_len, rfft2
-
-    lags = [2 * side - 1 for side in field.shape]
-    padded = [next_fast_len(count) for count in lags]
-    sums = irfft2(np.abs(rfft2(field, padded)) ** 2, padded)
-    middle = [count // 2 for count in lags]
-    return np.asarray(np.roll(sums, middle, (0, 1))[: lags[0], : lags[1]])
-
-
-RELATIVE_THICKNESS_STD = 0.22
-"""Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
-(`simulation.real_sensor_twins`)."""
-BASE_MODULUS_STD = 0.06
-"""Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a base that
-is nearly rigid to one four times as stiff as the gel."""
 BASE_MODULUS_MODEL_STD = 0.04
 """Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within
 its error move the result by as much."""
