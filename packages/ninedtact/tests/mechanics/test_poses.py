@@ -55,7 +55,7 @@ def test_a_pose_without_numbers_is_the_sensor_frame():
 
 def test_an_object_stays_above_the_base():
     with pytest.raises(
-        InvalidPose, match=r"expected the object less deep .* base, 2\.5 mm, got 2\.6\d* mm; press less"
+        InvalidPose, match=r"expected the object less deep .* allows, 2\.5 mm, got 2\.6\d* mm; press less"
     ):
         pressed(model(), Pose(depth_mm=2.7))
     pressing = model()
