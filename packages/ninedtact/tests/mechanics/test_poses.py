@@ -59,7 +59,7 @@ def test_an_object_stays_above_the_base():
     ):
         pressed(model(), Pose(depth_mm=2.7))
     pressing = model()
-    with pytest.raises(InvalidPose, match=r"base, 2\.5 mm"):
+    with pytest.raises(InvalidPose, match=r"allows, 2\.5 mm"):
         pressing.step_to_load(pressing.initial_contact(), BALL, Pose(depth_mm=1.0), 100.0)
 
 
