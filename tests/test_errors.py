@@ -9,7 +9,7 @@ import pytest
 import ninedtact
 from ninedtact import errors
 from ninedtact.simulation.objects.mesh_objects import MeshMisplaced
-from ninedtact_hardware.buildability import BrokenRule, DesignNotBuildable
+from ninedtact_hardware.buildability import DesignNotBuildable, DesignRule
 
 PACKAGE = Path(ninedtact.__file__).parent
 GROUPS = {name for name, kind in vars(errors).items() if isinstance(kind, type) and kind is not errors.NinedtactError}
@@ -64,7 +64,7 @@ def test_groups_are_documented_and_derive_from_the_base(name: str) -> None:
     "error",
     [
         MeshMisplaced("expected a part of 1 mm, got 0.2 mm", "give unit in"),
-        DesignNotBuildable([BrokenRule("wall_too_thin", "expected a wall of 0.8 mm, got 0.5 mm")]),
+        DesignNotBuildable([DesignRule("wall_too_thin", "a wall", 0.5, least=0.8)]),
         errors.InputError("expected one, got two"),
     ],
     ids=lambda error: type(error).__name__,

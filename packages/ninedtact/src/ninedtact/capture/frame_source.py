@@ -20,7 +20,6 @@ from ninedtact.errors import CameraError, FileFormatError
 from ninedtact.quantities import Frame
 
 Opened = TypeVar("Opened", bound="Openable")
-Inner = TypeVar("Inner", bound="Openable")
 
 
 class CameraLost(CameraError):
@@ -132,6 +131,9 @@ class FrameSource(Openable):
             except SourceEnded:
                 return
             yield frame
+
+
+Inner = TypeVar("Inner", bound=Openable)
 
 
 class SourceWrapper(Openable, Generic[Inner]):

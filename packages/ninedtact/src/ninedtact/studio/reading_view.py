@@ -309,7 +309,7 @@ def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, 
     places, pitch = np.stack([x_mm, y_mm]).astype(np.float32)[:, None], (height.mm_per_px, height.mm_per_px)
     pixel = find_pixels_of_skin_places(height.z_mm, pitch, places, height.camera_distance_mm, _SIGHTLINE_ITERATIONS)
     z_mm = sample_field(height.z_mm, pixel, cv2.INTER_LINEAR)
-    seen = cv2.remap(height.in_view.astype(np.float32), *pixel, cv2.INTER_LINEAR, borderValue=0)
+    seen = cv2.remap(height.in_view.astype(np.float32), pixel[0], pixel[1], cv2.INTER_LINEAR, borderValue=0)
     return np.where(seen[0] > 0.999, z_mm[0].astype(float), np.nan)
 
 
