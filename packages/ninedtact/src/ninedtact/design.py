@@ -50,7 +50,7 @@ class Gel:
     """Share of what neo-Hookean rubber does otherwise than a linear layer when it is pressed deep, 0 to 1."""
     base_thickness_mm: Annotated[float, Meta(ge=0.1, le=100.0)] = 9.2
     """Thickness of the transparent layer that the gel is bonded to, above the window."""
-    gel_over_base_modulus: Annotated[float, Meta(ge=0, le=10)] = 0.06
+    gel_over_base_modulus: Annotated[float, Meta(ge=0, le=10)] = 0.04
     """Shear modulus of the gel over that of the transparent layer below it; zero is a rigid base. Tables of Shore hardness give
     0.1 to 0.14 for Shore A 5 on Shore A 45, and images of balls on real sensors rather 0.01 to 0.06."""
 

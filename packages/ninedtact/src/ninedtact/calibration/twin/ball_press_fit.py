@@ -164,9 +164,9 @@ def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lag
 RELATIVE_THICKNESS_STD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
 (`simulation.real_sensor_twins`)."""
-BASE_MODULUS_STD = 0.05
+BASE_MODULUS_STD = 0.04
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a rigid
-base to one six times as stiff as the gel."""
+base to one eight times as stiff as the gel."""
 BASE_MODULUS_MODEL_STD = 0.04
 """Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within
 its error move the result by as much."""
