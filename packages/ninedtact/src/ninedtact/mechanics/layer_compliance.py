@@ -81,8 +81,8 @@ def bonded_layer_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:
     x = wave * gel.thickness_mm
     shape = _normalised_compliance(xp.where(x < _HALF_SPACE_FROM, x, _HALF_SPACE_FROM), gel.poisson_ratio)
     fields = [field / (gel.shear_modulus_mpa * wave) for field in shape]
-    none = 0 * fields[0]
-    return _insert_mean(no_wave, Compliance(*fields, none, none), _mean_compliance_of_layer(gel), _RIGID)
+    fields += [0 * fields[0]] * 2  # the interface does not move
+    return _insert_mean(no_wave, Compliance(*fields), _mean_compliance_of_layer(gel), _RIGID)
 
 
 def half_space_compliance(wave_number: WaveNumbers, gel: Gel) -> Compliance:

@@ -232,7 +232,7 @@ class UncertaintyModel:
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""
     base: float = 0.1
-    """Relative error of forces due to the base of the gel, which one ball hardly tells. Known loads at the depth of use remove it."""
+    """Relative error due to the base of the gel, which one ball hardly tells; known loads at the depth of use remove it."""
     unresolved: float = 0.01
     """Relative error of the force of one peak of pressure per ratio of the resolution to the gel's thickness. Found on simulated
     sensors, as the two below."""
