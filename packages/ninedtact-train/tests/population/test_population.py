@@ -53,7 +53,7 @@ def test_a_member_survives_being_written_down(members: list[SampledSensor]) -> N
         assert sampled_sensor_from_json(json.loads(json.dumps(one.to_json_dict()))) == one
 
 
-@pytest.mark.parametrize("name", ["darkening_per_mm", "brightening_per_mm", "point_spread_mm", "global_dimming"])
+@pytest.mark.parametrize("name", ["darkening_per_mm", "brightening_per_mm", "point_spread_mm"])
 def test_light_is_spread_about_the_middle_of_the_real_fits(name: str, members: list[SampledSensor]) -> None:
     logs = np.log([getattr(one.light, name) for one in members])
     real = np.log([getattr(fit.light, name) for fit in REAL_FITS])

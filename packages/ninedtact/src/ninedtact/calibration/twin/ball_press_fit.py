@@ -115,17 +115,18 @@ def parameter_covariance(
 
 
 def _estimate_uncertainty(
-    jacobian: Float[Array, "rows parameters"], residual: Float[Array, " n"], effective_observations: float
+    jacobian: Float[Array, "rows parameters"],
+    residual: Float[Array, " n"],
+    effective_observations: float,
+    change_per_base: ParameterVector,
 ) -> FitUncertainty:
     """Return standard deviations and correlations. The Jacobian has the rows of the priors too, the residual has not.
 
-    What the model leaves open about the base is added to the variance of the base, and to those of all parameters that follow it.
+    change_per_base: how the best parameters change with the base. What the model leaves open about the base is added to its
+    variance, and to those of all parameters that follow it.
     """
     covariance = parameter_covariance(jacobian, residual, effective_observations)
-    base = PARAMETER_NAMES.index("gel_over_base_modulus")
-    if covariance[base, base] > 0:
-        change_per_base = covariance[:, base] / covariance[base, base]
-        covariance = covariance + BASE_MODULUS_MODEL_STD**2 * np.outer(change_per_base, change_per_base)
+    covariance = covariance + BASE_MODULUS_MODEL_STD**2 * np.outer(change_per_base, change_per_base)
     standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
     divisors = np.where(standard_deviations > 0, standard_deviations, 1)
     named = dict(zip(PARAMETER_NAMES, standard_deviations.tolist(), strict=True))
@@ -196,6 +197,8 @@ FINE_TOLERANCE = 5e-5
 DERIVATIVE_REUSE_REDUCTION = 1e-2
 """Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
 contact solution each, are reused in the next iteration."""
+_HELD_STD = 1e-3
+"""Standard deviation of the prior that holds the base at another value."""
 _SHALLOWER = 0.98
 """Factor on the depth of a first guess that leaves nothing of the gel."""
 STEP_LENGTHS = (1.0, 0.4, 0.15)
@@ -373,7 +376,8 @@ def fit_twin_to_ball_press(
     prior_terms = _make_prior_terms(design.gel, initial_residual, observations, priors)
     problem, vector, jacobian = _fit_finely(problem, start, prior_terms)
     coefficients, residual = problem.fit_linear_terms(vector)
-    uncertainty = _estimate_uncertainty(jacobian, residual, observations)
+    change_per_base = _change_per_base(problem, vector, prior_terms)
+    uncertainty = _estimate_uncertainty(jacobian, residual, observations, change_per_base)
     return TwinFit(
         problem, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
     )
@@ -409,11 +413,6 @@ def _fit_coarsely(problem: BallPressProblem, start: ParameterVector) -> Paramete
         return _image_jacobian(problem.starting_from(vector), vector, residual(vector))
 
     lower, upper = parameter_bounds()
-    fixed = PARAMETER_NAMES.index(
-        "gel_over_base_modulus"
-    )  # no image determines it before the other parameters are known
-    lower[fixed] = start[fixed] - 1e-3
-    upper[fixed] = start[fixed] + 1e-3
     scales = parameter_scales()
     solution = least_squares(
         residual,
@@ -466,6 +465,20 @@ def _fit_finely(
         else:
             break
     return problem, vector, jacobian
+
+
+def _change_per_base(problem: BallPressProblem, vector: ParameterVector, prior_terms: _PriorTerms) -> ParameterVector:
+    """Return how the best parameters change with the modulus of the gel over that of its base, from a fit with another base.
+
+    A difference over what is not known of the base says more than the derivative, because the fit is far from linear in it.
+    """
+    start, base = vector.copy(), PARAMETER_NAMES.index("gel_over_base_modulus")
+    stiffer = vector[base] > BASE_MODULUS_MODEL_STD / 2  # towards a rigid base the press changes most
+    start[base] = max(vector[base] - BASE_MODULUS_MODEL_STD, 0.0) if stiffer else vector[base] + BASE_MODULUS_MODEL_STD
+    others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_over_base_modulus")
+    held = ParameterPrior("gel_over_base_modulus", float(start[base]), _HELD_STD)
+    _, moved, _ = _fit_finely(problem, start, replace(prior_terms, priors=(*others, held)))
+    return np.asarray((moved - vector) / (moved[base] - vector[base]))
 
 
 def _bounded_step(
