@@ -46,6 +46,9 @@ class _FitParameter:
     """Whether the contact must be solved again when the parameter changes."""
 
 
+_NEARLY_RIGID = 1e-3
+"""Smallest modulus of the gel over that of its base in the search: on a rigid base no press is deeper than the gel is thick."""
+
 FIT_PARAMETERS = (
     _FitParameter("x_mm", -12, 12, 0.02),
     _FitParameter("y_mm", -9, 9, 0.02),
@@ -56,7 +59,7 @@ FIT_PARAMETERS = (
     _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
     _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
     _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
-    _FitParameter("gel_over_base_modulus", 0.0, 0.35, 0.02, 0.1, moves_contact=True),
+    _FitParameter("gel_over_base_modulus", _NEARLY_RIGID, 0.35, 0.02, 0.1, moves_contact=True),
 )
 """How `BallPressParameters` are searched. Given them, three more are a linear problem: the level 1 + c, and (1 + c) times the
 slopes of darkening and brightening.
@@ -366,12 +369,7 @@ def fit_twin_to_ball_press(
         start = _fit_coarsely(coarse, _initial_guess(press, design))
     else:
         start = initial.vector
-    _, initial_residual = problem.fit_linear_terms(start)
-    while not np.isfinite(
-        initial_residual
-    ).all():  # the coarse grid, which has no point under the ball's lowest, allows a little more
-        start[PARAMETER_NAMES.index("depth_mm")] *= _SHALLOWER
-        _, initial_residual = problem.fit_linear_terms(start)
+    start, initial_residual = _leave_some_gel(problem, start)
     observations = effective_observation_count(observed.image(initial_residual))
     prior_terms = _make_prior_terms(design.gel, initial_residual, observations, priors)
     problem, vector, jacobian = _fit_finely(problem, start, prior_terms)
@@ -381,6 +379,19 @@ def fit_twin_to_ball_press(
     return TwinFit(
         problem, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
     )
+
+
+def _leave_some_gel(problem: BallPressProblem, start: ParameterVector) -> tuple[ParameterVector, Float[Array, " n"]]:
+    """Return the parameters with a depth that leaves some gel under the ball, and their residual.
+
+    A coarse grid, which has no point under the ball's lowest, allows a little more, and so does a softer base.
+    """
+    possible = start.copy()
+    _, residual = problem.fit_linear_terms(possible)
+    while not np.isfinite(residual).all():
+        possible[PARAMETER_NAMES.index("depth_mm")] *= _SHALLOWER
+        _, residual = problem.fit_linear_terms(possible)
+    return possible, residual
 
 
 def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
@@ -474,7 +485,10 @@ def _change_per_base(problem: BallPressProblem, vector: ParameterVector, prior_t
     """
     start, base = vector.copy(), PARAMETER_NAMES.index("gel_over_base_modulus")
     stiffer = vector[base] > BASE_MODULUS_MODEL_STD / 2  # towards a rigid base the press changes most
-    start[base] = max(vector[base] - BASE_MODULUS_MODEL_STD, 0.0) if stiffer else vector[base] + BASE_MODULUS_MODEL_STD
+    start[base] = (
+        max(vector[base] - BASE_MODULUS_MODEL_STD, _NEARLY_RIGID) if stiffer else vector[base] + BASE_MODULUS_MODEL_STD
+    )
+    start, _ = _leave_some_gel(problem, start)
     others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_over_base_modulus")
     held = ParameterPrior("gel_over_base_modulus", float(start[base]), _HELD_STD)
     _, moved, _ = _fit_finely(problem, start, replace(prior_terms, priors=(*others, held)))
