@@ -8,6 +8,7 @@ predicted from the others of its unit, and shear from normal presses alone.
 """
 
 import csv
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -87,7 +88,9 @@ def measured_presses(
 
 
 def read_ramps(data: Path) -> list[Ramp]:
-    """Return all ramps of a folder."""
+    """Return all ramps of a folder; ends the program with a sentence where there are none."""
+    if not (data / "ladders.csv").is_file():
+        sys.exit(f"expected ladders.csv and ball8_ramps.csv in {data}, got no such files; give --data")
     rows: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
     for file, probe in (("ladders.csv", None), ("ball8_ramps.csv", "ball8")):
         with (data / file).open() as table:
@@ -201,6 +204,8 @@ def predictions_across_probes(ramps: Sequence[Ramp], shared: Fitted) -> list[Fig
                 continue
             known = fit(others, [unit], lambda ramp: ramp.unit, 9.2, base_mpa=shared.base_mpa)
             asked = [ramp for ramp in own if ramp.probe == probe]
+            if not any((ramp.force_n > LEAST_N).any() for ramp in asked):
+                continue
             loads = [best_zero(ramp, known.modulus_mpa[unit], known.base_mpa) for ramp in asked]
             name = f"{unit}: {probe} from the other probes, error above 0.3 N, %"
             figures.append(at_most(name, 100 * relative_error(zip(asked, loads, strict=True)), 6.0))
