@@ -35,7 +35,7 @@ def test_thickness_and_deflection_add_up_to_the_height(ratio: float, depth_mm: f
     assert read_mm.min() == pytest.approx(contact.height_mm.min(), rel=0.055)
     near = np.hypot(*GRID.positions_mm) < 6
     ignored, left = (np.abs(each - contact.height_mm)[near].mean() for each in (thicker_mm, read_mm))
-    assert left < 0.07 and left < 0.5 * ignored
+    assert left < 0.07 and left < 0.7 * ignored
 
 
 def test_a_rigid_base_does_not_move_and_untouched_gel_neither() -> None:
