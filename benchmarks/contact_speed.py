@@ -97,7 +97,7 @@ def our_tasks() -> Tasks:
     tasks: Tasks = {PAIR: lambda call: inverse_transform(forward_transform(field, grid.shape), grid.shape, grid.shape)}
     tasks |= {warm(tolerance): live_steps(grid, tolerance) for tolerance in TOLERANCES}
     tasks[FRAME] = live_frames()
-    skin = Skin(GRID, partial(half_space_compliance, gel=GEL), np.zeros(()))
+    skin = Skin(GRID, GEL, np.zeros(()), half_space_compliance)
     return tasks | {name: partial(our_cold_solve, skin, surface(name)) for name in SURFACES}
 
 

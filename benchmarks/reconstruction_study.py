@@ -54,7 +54,7 @@ def reconstruction_study(
 ) -> None:
     """Study each kind of member: those whose mechanics the estimator assumes, and those of other mechanics."""
     cv2.setNumThreads(1)
-    sensors, presses, kinds_tried = (1, 1, ("as the estimator assumes",)) if quick else (sensors, presses, tuple(KINDS))
+    sensors, presses, kinds_tried = (1, 1, ("base that yields",)) if quick else (sensors, presses, tuple(KINDS))
     method: DepthMethod = "ratio" if quick else "physics"
     figures: list[Figure] = []
     for kind in kinds_tried:

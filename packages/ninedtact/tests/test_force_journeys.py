@@ -25,7 +25,7 @@ from ninedtact.studio.force_calibration_page import ball_press_under_load
 from ninedtact.studio.force_calibration_session import USUAL_LOADS_G, ForceCalibrationPhase, ForceCalibrationSession
 from ninedtact.studio.guided_session import SwitchableCamera
 
-DEPTHS_MM = (0.4, 0.7, 1.0, 1.3)
+DEPTHS_MM = (0.4, 0.7, 1.0, 2.0)
 
 
 @pytest.fixture(scope="module")

@@ -89,7 +89,7 @@ BAD = {
     "--object inches.stl --depth-mm 1": "give unit in",
     "--object punch:18 --depth-mm 0.5": "take a smaller object",
     "--object ball:4 --depth-mm 1 --at-mm 20 0": "press nearer to the centre",
-    "--object ball:4 --depth-mm 2.7": "the gel is thick, 2.5 mm, got 2.7",
+    "--object ball:4 --depth-mm 3.2": "the gel allows, 3.125 mm, got 3.2",
     "--object ball:4 --load-n -3": "above zero, got -3 N",
     "--object ball:4 --depth-mm -1": "above zero, got -1 mm deep",
     "--object ball:4 --depth-mm nan": "above zero, got nan",

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 import viser
+from height_observation import HeightObservationModel
 from page_client import PageClient, ServedPage, served_page, served_small_page
 from page_walk import controls_of, find_layout_faults, open_every_panel, panels_of, use_every_control
 from playwright.sync_api import Browser, Page
@@ -19,7 +20,6 @@ from reading_clients import page_errors
 from small_press_simulation import PRESSED, TWIN
 from small_sensor import wait_until
 
-from height_observation import HeightObservationModel
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import Gel
 from ninedtact.errors import FileFormatError
@@ -389,7 +389,7 @@ def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object(
     assert stage.contact(24).wrench().force_n[2] == pytest.approx(-6.0, rel=0.01)
     hand.aim(HandTarget(Pose(1.0, 0.0, 9.0)))
     stopped = stage.contact(60)
-    assert float(stopped.pose.depth_mm) < TWIN.thickness_mm and "press less" in hand.refusal
+    assert float(stopped.pose.depth_mm) < TWIN.gel.max_depth_mm and "press less" in hand.refusal
     hand.aim(HandTarget(Pose(1.0, 0.0), load_n=0.0))
     assert not stage.contact(80).touches and hand.refusal == ""
     hand.release()
