@@ -138,7 +138,7 @@ def test_a_design_proves_itself_before_it_is_printed(tmp_path: Path) -> None:
     options = ["--gel-mm", "2", "--json", "--out", str(tmp_path)]
     done = subprocess.run([*command, *options], capture_output=True, text=True, check=True)
     (thin,) = json.loads(done.stdout)["designs"]
-    assert thin["depth_error_mm"] < 0.03 and thin["load_error_fraction"] < 0.1
+    assert thin["depth_error_mm"] < 0.03 and thin["load_error_fraction"] < 0.15
     assert read_hardware_design(tmp_path / "design_01.toml", "default").sensor.gel.thickness_mm == 2
 
 

@@ -22,7 +22,6 @@ from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
 from ninedtact.cli import main
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording import background_reader
 from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
@@ -265,11 +264,10 @@ class SteadyWrenches(WrenchSource):
     def close(self) -> None: ...
 
 
-def test_a_driver_that_hangs_while_pairs_are_collected_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(background_reader, "STALL_S", 0.3)
+def test_a_driver_that_hangs_while_pairs_are_collected_is_told_once() -> None:
     told_once: list[str] = []
     began = time.monotonic()
-    with closing(merge_live_streams(Hanging(), SteadyWrenches(), told_once.append)) as arrivals:
+    with closing(merge_live_streams(Hanging(), SteadyWrenches(), told_once.append, 0.3)) as arrivals:
         for _ in arrivals:
             if time.monotonic() - began > 1.0:
                 break

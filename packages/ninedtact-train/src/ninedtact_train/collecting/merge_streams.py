@@ -21,15 +21,20 @@ MergedArrival = Arrival[Frame | Wrench | WrenchSampleRejected] | None
 
 
 def merge_live_streams(
-    camera: FrameSource, force_torque: WrenchSource, on_stall: Callable[[str], None] = lambda sentence: None
+    camera: FrameSource,
+    force_torque: WrenchSource,
+    on_stall: Callable[[str], None] = lambda sentence: None,
+    stall_s: float = STALL_S,
 ) -> Generator[MergedArrival, None, None]:
     """Yield what two devices deliver, each read in its own thread; raises what they raise, ends with a recording.
 
-    on_stall: called with a sentence each time that a device has delivered nothing for `STALL_S`.
+    on_stall: called with a sentence each time that a device has delivered nothing for `stall_s`.
     """
     with (
-        BackgroundReader[Wrench](force_torque, _BUFFERED_SAMPLES, WrenchSampleRejected, on_stall=on_stall) as samples,
-        BackgroundReader[Frame](camera, _BUFFERED_IMAGES, on_stall=on_stall) as images,
+        BackgroundReader[Wrench](
+            force_torque, _BUFFERED_SAMPLES, WrenchSampleRejected, on_stall=on_stall, stall_s=stall_s
+        ) as samples,
+        BackgroundReader[Frame](camera, _BUFFERED_IMAGES, on_stall=on_stall, stall_s=stall_s) as images,
     ):
         try:
             while True:
