@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSampleRejected, WrenchSource
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.background_reader import Arrival, BackgroundReader
+from ninedtact.recording.background_reader import STALL_S, Arrival, BackgroundReader
 
 _READ_AHEAD_NS = 300_000_000
 """Time by which samples are read ahead of the newest frame before the next frame is read."""
