@@ -7,10 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from height_observation import HeightObservationModel
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from height_observation import HeightObservationModel
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force

@@ -9,6 +9,7 @@ from threading import Event
 from typing import Any
 
 import pytest
+from height_observation import HeightObservationModel
 from page_client import PageClient, page_client
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
@@ -16,7 +17,6 @@ from reading_clients import page_errors
 from small_calibrated_twin import PluggedCamera
 from small_sensor import wait_until
 
-from height_observation import HeightObservationModel
 from ninedtact.calibration.force_calibration import ForceScaleImpossible, UnscaledForceReader
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
