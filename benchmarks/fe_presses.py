@@ -70,7 +70,7 @@ def fe_presses(
     by another sensor, which is calibrated sooner.
     """
     member = twins_of_real_fits()[SENSOR]
-    member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA, gel_over_base_modulus=0.0))
+    member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA, gel_to_base_modulus_ratio=0.0))
     twin = member.twin()
     folder = out / f"sensor_{SENSOR}_fe{'_ball' if ball_of_elements else ''}"
     if not quick and not (folder / SENSOR_FILE).is_file():
@@ -79,7 +79,7 @@ def fe_presses(
         else:
             calibrate_twin(member, folder)
     sensor = SensorFolder(Path(), calibrated("sensor_a", "physics").record) if quick else load_sensor(folder)
-    base = sensor.record.twin.fit.parameters["gel_over_base_modulus"]
+    base = sensor.record.twin.fit.parameters["gel_to_base_modulus_ratio"]
     print(
         f"calibrated: {sensor.gel.thickness_mm:.3f} mm of gel, modulus over that of its base {base.value:.2f} ± {base.std:.2f}"
     )

@@ -173,7 +173,7 @@ def mistaken(member: SampledSensor, wrong: Wrong) -> SampledSensor:
     if wrong == "radius":
         return replace(member, design=replace(design, ball=replace(design.ball, radius_mm=5.0)))
     if wrong == "yielding_base":
-        return replace(member, gel=replace(gel, gel_over_base_modulus=0.1))
+        return replace(member, gel=replace(gel, gel_to_base_modulus_ratio=0.1))
     return replace(member, gel=replace(gel, finite_strain=0.0)) if wrong == "linear" else member
 
 

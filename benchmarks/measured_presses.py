@@ -116,7 +116,7 @@ def load_table(probe: str, thickness_mm: float, base_mm: float) -> RegularGridIn
     indenter, depths = probe_indenter(probe), DEPTHS_MM[0.8 * thickness_mm > DEPTHS_MM]
     loads = []
     for ratio in GEL_OVER_BASE:
-        gel = Gel(thickness_mm, 1.0, base_thickness_mm=base_mm, gel_over_base_modulus=float(ratio))
+        gel = Gel(thickness_mm, 1.0, base_thickness_mm=base_mm, gel_to_base_modulus_ratio=float(ratio))
         model = ContactModel(gel_skin(GRID, gel), FRICTION, SolverSettings(tolerance=2e-3, must_converge=False))
         contacts = model.follow(indenter, [Pose(depth_mm=float(depth)) for depth in depths])
         corrected = (correct_for_finite_strain(contact) for contact in contacts)
@@ -248,7 +248,7 @@ def drag_force_n(
     thickness_mm: float, modulus_mpa: float, base_mpa: float, load_n: float, way_mm: float, base_mm: float = 9.2
 ) -> float:
     """Return the lateral force on a ball of 8 mm diameter that is pressed with a load and then moved."""
-    gel = Gel(thickness_mm, modulus_mpa, base_thickness_mm=base_mm, gel_over_base_modulus=modulus_mpa / base_mpa)
+    gel = Gel(thickness_mm, modulus_mpa, base_thickness_mm=base_mm, gel_to_base_modulus_ratio=modulus_mpa / base_mpa)
     model = ContactModel(gel_skin(GRID, gel), FRICTION, SolverSettings(tolerance=2e-3, must_converge=False))
     contact = model.step_to_load(model.initial_contact(), Ball(4.0), Pose(depth_mm=0.2), load_n)
     for share in (0.25, 0.5, 0.75, 1.0):

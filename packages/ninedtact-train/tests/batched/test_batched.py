@@ -174,6 +174,22 @@ def test_other_trouble_is_not_taken_for_a_full_memory(room: BatchExecutor, monke
         room.execute([StepRequest(room.setup(0), None, Ball(), Pose(depth_mm=0.5))])
 
 
+def test_a_press_that_leaves_no_gel_is_refused_alone(room: BatchExecutor) -> None:
+    """On a base that hardly yields an object can be deeper than the gel is thick, but not without gel under it."""
+    gel = replace(room.setup(0).twin.gel, finite_strain=1.0, gel_to_base_modulus_ratio=0.002)
+    bench = replace(room.setup(0), twin=replace(room.setup(0).twin, gel=gel))
+    alone = BatchExecutor([0], [bench], room.device, 2, print)
+    deep, shallow = (
+        StepRequest(bench, None, Ball(), Pose(depth_mm=part * gel.thickness_mm), on_whole_grid=True)
+        for part in (1.15, 0.3)
+    )
+    refused, answered = alone.execute([deep, shallow])
+    assert isinstance(refused, InvalidPose) and "thinner by less than that" in str(refused)
+    with pytest.raises(InvalidPose, match="thinner by less than that"):
+        deep.respond()
+    assert isinstance(answered, Press) and answered.touches
+
+
 def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> None:
     bench = room.setup(0)
     assert isinstance(room.execute([StepRequest(bench, None, Ball(), Pose(depth_mm=0.02), 3.0)])[0], StepRequest), (

@@ -88,13 +88,13 @@ def test_kinds_have_their_shares_among_few_members_too(count: int, members: list
     assert kinds.count("linear") == pytest.approx(0.1 * count, abs=2)
     assert all(one.gel.has_rigid_base == (one.kind != "layered") for one in members)
     assert all(one.gel.finite_strain == (one.kind != "linear") for one in members)
-    assert all(one.gel.gel_over_base_modulus < 0.34 for one in members)
+    assert all(one.gel.gel_to_base_modulus_ratio < 0.34 for one in members)
 
 
 def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
     based = sample_sensor(3, kinds=ALL_LAYERED)
-    based = replace(based, gel=replace(based.gel, gel_over_base_modulus=0.1))
-    rigid = replace(based, gel=replace(based.gel, gel_over_base_modulus=0.0))
+    based = replace(based, gel=replace(based.gel, gel_to_base_modulus_ratio=0.1))
+    rigid = replace(based, gel=replace(based.gel, gel_to_base_modulus_ratio=0.0))
     depths = []
     for one in (rigid, based):
         twin = one.twin(0.3)

@@ -50,7 +50,7 @@ class Gel:
     """Share of what neo-Hookean rubber does otherwise than a linear layer when it is pressed deep, 0 to 1."""
     base_thickness_mm: Annotated[float, Meta(ge=0.1, le=100.0)] = 9.2
     """Thickness of the transparent layer that the gel is bonded to, above the window."""
-    gel_over_base_modulus: Annotated[float, Meta(ge=0, le=10)] = 0.04
+    gel_to_base_modulus_ratio: Annotated[float, Meta(ge=0, le=10)] = 0.04
     """Shear modulus of the gel over that of the transparent layer below it; zero is a rigid base. Tables of Shore hardness give
     0.1 to 0.14 for Shore A 5 on Shore A 45, and images of balls on real sensors rather 0.01 to 0.06."""
 
@@ -69,22 +69,22 @@ class Gel:
                 expected="gel.finite_strain from 0 to 1", got=f"{self.finite_strain}", remedy="correct the design"
             )
         require_positive("gel.base_thickness_mm", self.base_thickness_mm)
-        if not 0 <= self.gel_over_base_modulus <= 10:
+        if not 0 <= self.gel_to_base_modulus_ratio <= 10:
             raise DesignImpossible(
-                expected="gel.gel_over_base_modulus from 0, a rigid base, to 10, a base far softer than the gel",
-                got=f"{self.gel_over_base_modulus}",
+                expected="gel.gel_to_base_modulus_ratio from 0, a rigid base, to 10, a base far softer than the gel",
+                got=f"{self.gel_to_base_modulus_ratio}",
                 remedy="correct the design",
             )
 
     @property
     def has_rigid_base(self) -> bool:
         """Whether the layer below the gel does not yield."""
-        return self.gel_over_base_modulus == 0
+        return self.gel_to_base_modulus_ratio == 0
 
     @property
     def base(self) -> "Gel":
         """The layer below the gel, bonded to the rigid window; only where it yields."""
-        return Gel(self.base_thickness_mm, self.shear_modulus_mpa / self.gel_over_base_modulus, self.poisson_ratio)
+        return Gel(self.base_thickness_mm, self.shear_modulus_mpa / self.gel_to_base_modulus_ratio, self.poisson_ratio)
 
     @property
     def max_depth_mm(self) -> float:

@@ -12,11 +12,10 @@ from scipy import ndimage
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
-from ninedtact.calibration.twin.ball_press_fit import (
-    PARAMETER_NAMES,
-    BallPressProblem,
+from ninedtact.calibration.twin.ball_press_fit import BallPressProblem, TwinFit
+from ninedtact.calibration.twin.fit_parameters import PARAMETER_NAMES
+from ninedtact.calibration.twin.fit_uncertainty import (
     FitUncertainty,
-    TwinFit,
     effective_observation_count,
     parameter_covariance,
 )

@@ -91,16 +91,25 @@ def test_a_known_twin_is_found_again(fit_by_physics: TwinBallFit) -> None:
 def test_the_stated_error_covers_what_is_not_known_of_the_base(
     ratio: float, twin: Twin, calibrated_a: Calibration
 ) -> None:
-    gel = replace(GEL, gel_over_base_modulus=ratio)
+    gel = replace(GEL, gel_to_base_modulus_ratio=ratio)
     contact = pressed(replace(twin, gel=gel), Ball(4.0), Pose(0.0, 0.0, 1.5))
     before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
     fit = fit_twin_to_ball_press(press_in(before, after), DESIGN)
     assert fit.press.thickness_mm == pytest.approx(2.3, rel=0.07)
-    true = {"depth_mm": 1.5, "gel_over_base_modulus": ratio}
+    true = {"depth_mm": 1.5, "gel_to_base_modulus_ratio": ratio}
     for name, value in true.items():
         assert abs(fit.parameters[name] - value) < 2 * fit.uncertainty.standard_deviations[name], name
     assert fit.relative_depth_std > 0.01
     assert fit.press.depth_mm == pytest.approx(1.5, rel=0.08)
+
+
+def test_a_base_that_is_rigid_by_design_stays_rigid(twin: Twin, calibrated_a: Calibration) -> None:
+    rigid = replace(GEL, gel_to_base_modulus_ratio=0.0)
+    contact = pressed(replace(twin, gel=rigid), Ball(4.0), Pose(0.0, 0.0, 1.2))
+    before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
+    fit = fit_twin_to_ball_press(press_in(before, after), replace(DESIGN, gel=rigid))
+    assert fit.gel.has_rigid_base and fit.uncertainty.standard_deviations["gel_to_base_modulus_ratio"] < 1e-3
+    assert fit.press.depth_mm == pytest.approx(1.2, abs=0.03)
 
 
 def test_the_twin_of_gel_at_finite_strain_bears_more_load_at_the_same_depth(calibrated_a: Calibration) -> None:

@@ -40,7 +40,7 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import Deblurring, DepthCurve, GlobalDimmingModel
 from ninedtact.simulation.ground_truth import true_height_map
 
-GEL = Gel(finite_strain=0.0, gel_over_base_modulus=0.0)
+GEL = Gel(finite_strain=0.0, gel_to_base_modulus_ratio=0.0)
 PX_MM = 0.2
 WIDE, SQUARE = (90, 120), (90, 90)
 THOROUGH = SolverSettings(max_iterations=20, target_decrement=0.02)
@@ -315,7 +315,7 @@ def test_a_touch_deeper_than_linear_gel_goes_is_doubted() -> None:
 @pytest.mark.parametrize(("ratio", "share"), [(0.1, 0.0), (0.1, 1.0), (0.3, 1.0), (0.02, 1.0)])
 def test_gel_on_a_base_that_yields_shows_its_thickness(ratio: float, share: float) -> None:
     """The wrench follows from the thickness, and with it the height of the skin, which no image shows."""
-    gel = replace(GEL, gel_over_base_modulus=ratio, finite_strain=share)
+    gel = replace(GEL, gel_to_base_modulus_ratio=ratio, finite_strain=share)
     model = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 8.0), gel))
     *_, linear = model.follow(Ball(4.0), [Pose(0, 0, 0.6), Pose(0, 0, 1.0), Pose(0.5, 0.2, 1.0)])
     contact = correct_for_finite_strain(linear)

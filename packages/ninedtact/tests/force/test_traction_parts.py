@@ -27,7 +27,7 @@ from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 
 CELLS = CellGrid(20, 26, 0.5, 0.05)
-GEL = Gel(2.5, 1.0, finite_strain=0.0, gel_over_base_modulus=0.0)
+GEL = Gel(2.5, 1.0, finite_strain=0.0, gel_to_base_modulus_ratio=0.0)
 FORWARD = ForwardModel(CELLS, GEL, 0.6)
 RNG = np.random.default_rng(0)
 
@@ -61,7 +61,7 @@ def test_cells_are_squares_of_their_pitch(shape: tuple[int, int], thickness_mm: 
 def test_heights_and_thickness_are_those_of_the_contact_mechanics(ratio: float) -> None:
     tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
     tractions[:, 5:9, 6:12] = drawn(3, 4, 6)
-    gel = replace(GEL, gel_over_base_modulus=ratio)
+    gel = replace(GEL, gel_to_base_modulus_ratio=ratio)
     skin, spread = gel_skin(CELLS.patch, gel), spread_over_cells(tractions)
     true = skin.operators.displacement_mm(*spread)[0]
     found = ForwardModel(CELLS, gel, 0.6).deform(tractions[:, : CELLS.rows, : CELLS.cols])

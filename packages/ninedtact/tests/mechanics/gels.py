@@ -12,7 +12,7 @@ from ninedtact.mechanics.indenter import Ball, Heights, Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
-GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=0.1, poisson_ratio=0.5, finite_strain=0.0, gel_over_base_modulus=0.0)
+GEL = Gel(thickness_mm=2.5, shear_modulus_mpa=0.1, poisson_ratio=0.5, finite_strain=0.0, gel_to_base_modulus_ratio=0.0)
 """A linear gel on a rigid base, of which closed forms are known."""
 BALL = Ball(4.0)
 DOUBLE = np.zeros((), np.float64)

@@ -50,7 +50,7 @@ def test_the_layer_has_the_published_values(k, nu, normal, along, coupling):
 @given(gels, st.floats(0.1, 20))
 def test_gel_on_a_base_of_the_same_gel_is_one_layer(gel, base_mm):
     """Also the closed form against the four-by-four solution, which finds the same layer cut at any depth."""
-    both = replace(gel, base_thickness_mm=base_mm, gel_over_base_modulus=1.0)
+    both = replace(gel, base_thickness_mm=base_mm, gel_to_base_modulus_ratio=1.0)
     whole = replace(gel, thickness_mm=gel.thickness_mm + base_mm)
     k = np.array([0.0, 0.05, 0.2, 1.0, 4.0, 30.0]) / whole.thickness_mm
     found, one = gel_compliance(k, both), bonded_layer_compliance(k, whole)
@@ -61,7 +61,7 @@ def test_gel_on_a_base_of_the_same_gel_is_one_layer(gel, base_mm):
 @settings(max_examples=20, deadline=None)
 @given(gels, st.floats(0.01, 1.0))
 def test_the_gel_is_thinner_by_less_than_the_skin_is_pressed_in(gel, ratio):
-    found = gel_compliance(WAVES[1:], replace(gel, gel_over_base_modulus=ratio))
+    found = gel_compliance(WAVES[1:], replace(gel, gel_to_base_modulus_ratio=ratio))
     assert np.all(found.interface_normal >= 0) and np.all(found.interface_normal <= found.normal * (1 + 1e-9))
 
 
@@ -87,9 +87,9 @@ def test_a_deep_layer_is_a_half_space():
 
 
 def test_a_base_becomes_rigid_as_it_stiffens_and_only_then():
-    gel, softest = Gel(2.5, 0.1, 0.5, base_thickness_mm=4.0, gel_over_base_modulus=0.0), []
+    gel, softest = Gel(2.5, 0.1, 0.5, base_thickness_mm=4.0, gel_to_base_modulus_ratio=0.0), []
     for ratio in (1, 0.1, 1e-3, 1e-6):
-        found = gel_compliance(WAVES, replace(gel, gel_over_base_modulus=ratio))
+        found = gel_compliance(WAVES, replace(gel, gel_to_base_modulus_ratio=ratio))
         assert np.all(found.normal >= bonded_layer_compliance(WAVES, gel).normal * (1 - 1e-9))
         softest.append(found.normal[2])
     assert softest == sorted(softest, reverse=True)

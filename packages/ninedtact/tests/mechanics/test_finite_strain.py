@@ -53,7 +53,7 @@ PRESSES = [
 
 def contact_of(press: ElementPress) -> Contact:
     """The same press of the linear gel."""
-    gel = Gel(press.thickness_mm, 1.0, 0.5, 1.0, gel_over_base_modulus=press.gel_over_base)
+    gel = Gel(press.thickness_mm, 1.0, 0.5, 1.0, gel_to_base_modulus_ratio=press.gel_over_base)
     model = ContactModel(gel_skin(GRID, gel, DOUBLE), friction=1.0)
     steps = np.append(np.arange(0.2, press.depth_mm, 0.2), press.depth_mm)
     *_, last = model.follow(Ball(press.ball_mm), [Pose(depth_mm=float(depth)) for depth in steps])
@@ -85,7 +85,7 @@ def height_beside_mm(contact: Contact) -> np.ndarray:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.12])
 def test_nothing_changes_for_small_strain_and_without_contact(ratio: float) -> None:
-    model = ContactModel(gel_skin(GRID, replace(Gel(), gel_over_base_modulus=ratio), DOUBLE))
+    model = ContactModel(gel_skin(GRID, replace(Gel(), gel_to_base_modulus_ratio=ratio), DOUBLE))
     shallow, flat = model.follow(Ball(4.0), [Pose(depth_mm=0.01), Pose(depth_mm=-1.0)])
     corrected = correct_for_finite_strain(shallow)
     assert corrected.pressure_mpa == pytest.approx(shallow.pressure_mpa, rel=1e-3)
@@ -102,7 +102,7 @@ def test_a_linear_gel_is_left_as_it_is() -> None:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.12])
 def test_tractions_stiffen_with_thinning_alone_and_torch_says_the_same(ratio: float) -> None:
-    gel = replace(Gel(), gel_over_base_modulus=ratio)
+    gel = replace(Gel(), gel_to_base_modulus_ratio=ratio)
     heights = np.linspace(-2.0, 1.0, 31)[None]
     thinner = 0.7 * heights if ratio else heights
     stiffening = finite_strain_stiffening(heights, thinner, gel)

@@ -37,7 +37,7 @@ from ninedtact.studio.page_server import page_server
 
 PATIENCE_S = 120.0
 STIFFNESS = 1.2
-STIFFER = replace(Gel(gel_over_base_modulus=0.0), shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
+STIFFER = replace(Gel(gel_to_base_modulus_ratio=0.0), shear_modulus_mpa=Gel().shear_modulus_mpa * STIFFNESS)
 TWIN = replace(default_twin(), gel=STIFFER)
 
 
@@ -45,7 +45,7 @@ class QuicklyCalibratedFolder(SensorFolder):
     """The sensor of the tests is calibrated by the method that is done soonest, which has no model of its brightness."""
 
     def estimator(self, spec: str = "physics", with_force_scale: bool = True) -> ForceEstimator:
-        return TractionForce(HeightObservationModel(), Gel(gel_over_base_modulus=0.0))
+        return TractionForce(HeightObservationModel(), Gel(gel_to_base_modulus_ratio=0.0))
 
 
 @pytest.fixture

@@ -97,7 +97,7 @@ def pressed_twin(
             sources = DemoSources(
                 SimulatedCamera(simulation), SimulatedForceTorque(simulation, 60.0, NO_FORCE_TORQUE_ERRORS)
             )
-            force = TractionForce(HeightObservationModel(), Gel(gel_over_base_modulus=0.0))
+            force = TractionForce(HeightObservationModel(), Gel(gel_to_base_modulus_ratio=0.0))
             live = assemble_live_sensor(folder, sources, follow_reference=False, estimator=force)
             estimated = WrenchHistory("estimated", "by physics", states_errors=True)
 

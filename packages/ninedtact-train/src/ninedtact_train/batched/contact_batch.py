@@ -39,7 +39,9 @@ from ninedtact.mechanics.contact_model import (
 from ninedtact.mechanics.contact_result import (
     Contact,
     ContactLeavesGrid,
+    least_gel_mm,
     require_depth_within_gel,
+    require_gel_left,
     require_inside_grid,
     require_positive_load,
 )
@@ -205,16 +207,22 @@ class ContactBatch:
         responses |= self._presses([index for index in range(len(self.requests)) if index not in responses])
         return [responses[index] for index in range(len(self.requests))]
 
-    def _presses(self, indices: Iterable[int]) -> dict[int, Press]:
-        """Return the presses of these contacts, finished sensor by sensor."""
+    def _presses(self, indices: Iterable[int]) -> dict[int, Press | NinedtactError]:
+        """Return the presses of these contacts, finished sensor by sensor, or the refusal of one that leaves no gel."""
         of_sensor: dict[int, list[int]] = defaultdict(list)
         for index in indices:
             of_sensor[self.sensors[index]].append(index)
-        presses: dict[int, Press] = {}
+        presses: dict[int, Press | NinedtactError] = {}
         for chosen in of_sensor.values():
             indenters, twin = [self.requests[index].indenter for index in chosen], self.requests[chosen[0]].setup.twin
             press = twin.finish_press(self.contacts_of_sensor(chosen), self.store.batch(indenters))
-            presses |= dict(zip(chosen, press.unstack(indenters), strict=True))
+            left_mm = np.asarray(least_gel_mm(press.corrected))
+            for index, one, left in zip(chosen, press.unstack(indenters), left_mm, strict=True):
+                try:
+                    require_gel_left(twin.gel, float(left))
+                    presses[index] = one
+                except NinedtactError as refusal:
+                    presses[index] = refusal
         return presses
 
     def _refusal(self, index: int, request: StepRequest) -> NinedtactError | StepRequest | None:

@@ -55,7 +55,7 @@ def _simulated_sensor(fit: RealFit, number: int) -> SampledSensor:
     """Return the simulated sensor of a fit."""
     drawn, area = sample_sensor(number, _SEED), SensingArea()
     wider = fit.board_pitch_mm / PinBoard().pitch_mm
-    gel = Gel(thickness_mm=fit.thickness_mm, gel_over_base_modulus=0.0)
+    gel = Gel(thickness_mm=fit.thickness_mm, gel_to_base_modulus_ratio=0.0)
     deepest_mm = _MAX_BALL_DEPTH_FRACTION * gel.thickness_mm
     return SampledSensor(
         name=fit.name,

@@ -99,7 +99,7 @@ def _sample_gel(rng: Random, kind: MechanicsKind, meant: Gel = PUBLISHED_DESIGN.
         shear_modulus_mpa=float(modulus),
         poisson_ratio=poisson_ratio,
         finite_strain=0.0 if kind == "linear" else 1.0,
-        gel_over_base_modulus=1 / ratio if kind == "layered" else 0.0,
+        gel_to_base_modulus_ratio=1 / ratio if kind == "layered" else 0.0,
     )
 
 

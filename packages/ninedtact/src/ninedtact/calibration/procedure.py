@@ -50,7 +50,7 @@ from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.mechanics.interface_deflection import STIFFENING
+from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
@@ -242,7 +242,7 @@ def _make_record(
             fits.ball.curve,
             fits.ball.loss,
             fits.ball.deblurring,
-            STIFFENING if fits.ball.interface is None else fits.ball.interface.stiffening,
+            STIFFENING if fits.ball.base_deflection is None else fits.ball.base_deflection.stiffening,
         )
         ball_quality = _ball_quality(images.ball_pair[0], fits.ball, design, noise_mm)
         if fits.twin is not None:

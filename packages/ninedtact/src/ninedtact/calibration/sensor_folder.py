@@ -33,7 +33,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
-from ninedtact.mechanics.interface_deflection import InterfaceDeflection
+from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import EstimateWarning, Frame, HeightSource
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.lens_and_rectification import (
@@ -111,7 +111,7 @@ class SensorFolder:
             depth.smoothing,
             depth.dimming,
             depth.deblurring,
-            None if self.record.twin is None else InterfaceDeflection(self.record.twin.gel, depth.base_stiffening),
+            None if self.record.twin is None else BaseDeflection(self.record.twin.gel, depth.base_stiffening),
             (EstimateWarning.CALIBRATION_EDITED,) if self.is_edited else (),
         )
 

@@ -13,7 +13,7 @@ from msgspec import Meta, Struct, field
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.mechanics.interface_deflection import STIFFENING
+from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens_and_rectification import (
     CameraRotation,
@@ -212,7 +212,7 @@ class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     deblurring: Deblurring | None = None
     """The point spread that a fine reconstruction removes, where it is known."""
     base_stiffening: Annotated[float, Meta(ge=0, le=10)] = STIFFENING
-    """How much more the base of this gel yields at finite strain (`InterfaceDeflection.stiffening`)."""
+    """How much more the base of this gel yields at finite strain (`BaseDeflection.stiffening`)."""
 
 
 _Correlation = Annotated[float, Meta(ge=-1.000001, le=1.000001)]

@@ -179,14 +179,18 @@ def require_depth_within_gel(deepest_mm: float, gel: Gel) -> None:
         )
 
 
-def require_gel_left(contact: Contact) -> None:
-    """Refuse a contact under which nothing would be left of the gel, on a base that yields; raises `InvalidPose`."""
-    gel = contact.skin.gel
-    thinner_mm = -float(array_namespace_of(contact.height_mm).min(contact.thickness_change_mm))
-    if not thinner_mm < gel.thickness_mm:
+def least_gel_mm(contact: Contact) -> ScalarPerContact:
+    """Return the thickness of the gel where a contact leaves least of it, for each contact of a batch."""
+    xp, change_mm = array_namespace_of(contact.height_mm), contact.thickness_change_mm
+    return contact.skin.gel.thickness_mm + to_numpy(xp.min(change_mm, axis=(-2, -1)))
+
+
+def require_gel_left(gel: Gel, left_mm: ScalarPerContact) -> None:
+    """Refuse contacts under which nothing would be left of the gel; raises `InvalidPose`."""
+    if not np.all(np.asarray(left_mm) > 0):
         raise InvalidPose(
             expected=f"the gel of {gel.thickness_mm:g} mm thinner by less than that",
-            got=f"by {thinner_mm:g} mm",
+            got=f"by {gel.thickness_mm - np.min(left_mm):g} mm",
             remedy="press less, or give the gel its true thickness",
         )
 

@@ -20,7 +20,7 @@ from ninedtact.mechanics.skin import ScalarField
 
 PRESSURE_STIFFENING = 1.7
 """With it, loads of balls of one and two thicknesses, down to the thickness on bases that yield, are right to 3 %."""
-GEL_OVER_BASE_MODULUS = (0.0, 0.025, 0.05, 0.1, 0.2)
+MODULUS_RATIOS = (0.0, 0.025, 0.05, 0.1, 0.2)
 GROWTH = (0.254, 0.008, -0.047, 0.028, 0.03)
 REDISTRIBUTION = (0.292, 0.288, 0.463, 1.008, 1.9)
 TRANSPORT = (0.112, 0.108, 0.135, 0.235, 0.4)
@@ -72,7 +72,7 @@ def finite_strain_height_mm(contact: Contact) -> ScalarField:
     """
     gel, xp, height = contact.skin.gel, array_namespace_of(contact.height_mm), contact.height_mm
     change = sum(
-        float(np.interp(gel.gel_over_base_modulus, GEL_OVER_BASE_MODULUS, constants)) * term
+        float(np.interp(gel.gel_to_base_modulus_ratio, MODULUS_RATIOS, constants)) * term
         for constants, term in zip(
             (GROWTH, REDISTRIBUTION, TRANSPORT), finite_strain_height_terms_mm(contact), strict=True
         )

@@ -14,7 +14,7 @@ from jaxtyping import Float32, Shaped, UInt8, UInt16
 from numpy import ndarray as Array
 
 from ninedtact.errors import CalibrationError
-from ninedtact.mechanics.interface_deflection import InterfaceDeflection
+from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified
 from ninedtact.shape.depth import (
     DIMMEST_REFERENCE,
@@ -60,7 +60,7 @@ class DepthReader:
     loss: GlobalDimmingModel = GlobalDimmingModel()
     deblurring: Deblurring | None = None
     """Given for `fine` reading; without it, reading is `fast`."""
-    interface: InterfaceDeflection | None = None
+    base_deflection: BaseDeflection | None = None
     """The deflection of the gel's base, which is added to the thinning that the curve gives; None where it is not known."""
     reference_faults: tuple[str, ...] = ()
     """Why the reference image cannot be that of the calibrated sensor; empty where it can, or where this was not checked."""
@@ -72,8 +72,8 @@ class DepthReader:
         """
         index = self._index_on_computed_grid(rectified.grey)
         few_mm = self.smoothing.on_grid(1 / self._coarseness)(self.curve.look_up_mm(index))
-        if self.interface is not None:
-            few_mm = few_mm + self.interface(few_mm, rectified.mm_per_px * self._coarseness)
+        if self.base_deflection is not None:
+            few_mm = few_mm + self.base_deflection(few_mm, rectified.mm_per_px * self._coarseness)
         z_mm = self._on_image_grid(few_mm)
         if not self.curve.knows_bulges:
             cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
@@ -174,7 +174,7 @@ class CalibratedShape:
     loss: GlobalDimmingModel = GlobalDimmingModel()
     deblurring: Deblurring | None = None
     """The removal of the point spread of this sensor's light; None where the calibration does not determine it."""
-    interface: InterfaceDeflection | None = None
+    base_deflection: BaseDeflection | None = None
     """The deflection of the gel's base; None where the calibration does not determine the gel."""
     warnings: tuple[EstimateWarning, ...] = ()
     """Reasons to distrust everything that is measured with this calibration; every reading carries them."""
@@ -202,7 +202,7 @@ class CalibratedShape:
             self.camera_distance_mm,
             self.loss,
             self.deblurring,
-            self.interface,
+            self.base_deflection,
             faults,
         )
 

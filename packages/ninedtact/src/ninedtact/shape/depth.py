@@ -188,7 +188,10 @@ class CurveContinuation:
 
 @dataclass(frozen=True)
 class DepthCurve:
-    """Darkening → indentation and, where it is calibrated, brightening → bulge; both are monotone and zero at zero."""
+    """Darkening → indentation and, where it is calibrated, brightening → bulge; both are monotone and zero at zero.
+
+    On a base that yields these are the thinning and the thickening of the gel, to which its deflection is added (`BaseDeflection`).
+    """
 
     signal: BrightnessSignal
     darkening: tuple[_Signal, ...]

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
-from ninedtact.mechanics.contact_result import Contact, require_gel_left
+from ninedtact.mechanics.contact_result import Contact, least_gel_mm, require_gel_left
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball
@@ -57,7 +57,7 @@ class BallPressParameters:
     point_spread_mm: float
     saturation: float
     inverse_distance_per_mm: float
-    gel_over_base_modulus: float
+    gel_to_base_modulus_ratio: float
 
     @classmethod
     def from_vector(cls, vector: ParameterVector) -> "BallPressParameters":
@@ -131,7 +131,7 @@ class BallPressModel:
         fitted = replace(
             self.design.gel,
             thickness_mm=press.thickness_mm,
-            gel_over_base_modulus=press.gel_over_base_modulus,
+            gel_to_base_modulus_ratio=press.gel_to_base_modulus_ratio,
             shear_modulus_mpa=1.0,
         )
         return _skin_of(self.patch, fitted)
@@ -141,7 +141,7 @@ class BallPressModel:
         modulus; raises `InvalidPose` where nothing would be left of the gel.
         """
         contact = correct_for_finite_strain(self._contact_after(self.skin(press), tuple(press.poses())))
-        require_gel_left(contact)
+        require_gel_left(contact.skin.gel, least_gel_mm(contact))
         return contact
 
     def _contact_after(self, skin: Skin, trajectory: tuple[Pose, ...]) -> Contact:

@@ -23,7 +23,7 @@ from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_arrays import ScalarPerContact, array_namespace_of, sum_over_grid, to_numpy
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
-from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid, require_gel_left
+from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid, least_gel_mm, require_gel_left
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
@@ -214,7 +214,16 @@ class Twin:
         self.require_in_view(pose)
         before = self.model.initial_contact() if last is None else last.solved
         if load_n is None or is_linear_load:
-            return self.finish_press(self._solve(before, indenter, pose, load_n), indenter)
+            press = self.finish_press(self._solve(before, indenter, pose, load_n), indenter)
+        else:
+            press = self._press_to_load(last, before, indenter, pose, load_n)
+        require_gel_left(self.gel, least_gel_mm(press.corrected))
+        return press
+
+    def _press_to_load(
+        self, last: Press | None, before: Contact, indenter: Indenter, pose: Pose, load_n: ScalarPerContact
+    ) -> Press:
+        """Return the press with this load of the gel as it acts, found by presses with loads of the linear layer."""
         wanted_n = self._linear_load_n(last, load_n)
         for round_number in range(LOAD_ROUNDS):
             press = self.finish_press(self._solve(before, indenter, pose, wanted_n), indenter)
@@ -227,9 +236,7 @@ class Twin:
 
     def finish_press(self, solved: Contact, indenter: Indenter) -> Press:
         """Return the press of a contact that the linear solver found, here or in a batch of several sensors."""
-        corrected = correct_for_finite_strain(solved)
-        require_gel_left(corrected)
-        return Press(solved, corrected, indenter)
+        return Press(solved, correct_for_finite_strain(solved), indenter)
 
     def _linear_load_n(self, known: Press | None, load_n: ScalarPerContact) -> ScalarPerContact:
         """Return the load of the linear layer at which the gel has a load, as a press of the same object tells.

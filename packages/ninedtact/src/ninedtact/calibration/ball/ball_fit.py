@@ -29,7 +29,7 @@ from ninedtact.calibration.ball.contact_circle import require_explained_by_ball,
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.design import SensorDesign
-from ninedtact.mechanics.interface_deflection import InterfaceDeflection
+from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
@@ -207,7 +207,7 @@ _CONTINUATION_ERROR_PER_MM = 0.2
 _MAX_BULGE_MM = 1.0
 """Largest height that the curve of bulges covers."""
 _STIFFENING_BOUNDS = 0.0, 4.0
-"""Range of the factor on the stiffening of the base (`InterfaceDeflection.stiffening`)."""
+"""Range of the factor on the stiffening of the base (`BaseDeflection.stiffening`)."""
 _NOISE_FLOORS = (0.01, 0.03, 0.1)
 """The noise floors of the deblurring that are tried, from sharp to smooth; the one that reconstructs the ball best is taken."""
 
@@ -241,10 +241,10 @@ class TwinBallFit(BallFit):
         return sightlines.sample(PATCH, self.twin_fit.press.centre_mm, height_mm, field, fine=True)
 
     @cached_property
-    def interface(self) -> InterfaceDeflection:
+    def base_deflection(self) -> BaseDeflection:
         """The deflection of the base of the fitted gel, with the stiffening that gives the depth of this ball best."""
         thinner, height_mm = self.disc, self.height_mm
-        usual = InterfaceDeflection(self.twin_fit.gel)
+        usual = BaseDeflection(self.twin_fit.gel)
 
         def error_mm(stiffening: float) -> float:
             deflection_mm = replace(usual, stiffening=stiffening)(self.thickness_change_mm, self.press.before.mm_per_px)
@@ -290,14 +290,14 @@ class TwinBallFit(BallFit):
     def _model_curve(self) -> DepthCurve:
         """The brightness model as a depth curve, without errors and without continuation."""
         light = self.twin_fit.light
-        depth_mm = np.linspace(0, self._calibrated_depth_mm, _KNOT_COUNT)
+        depth_mm = np.linspace(0, self._calibrated_thinning_mm, _KNOT_COUNT)
         darkening = np.abs(light.brightness_change(-depth_mm))
         brightening = light.brightening_per_mm * _MAX_BULGE_MM
         bulges = ((0.0, brightening), (0.0, _MAX_BULGE_MM)) if brightening > 0 else ((0.0,), (0.0,))
         return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * _KNOT_COUNT, *bulges)
 
     @property
-    def _calibrated_depth_mm(self) -> float:
+    def _calibrated_thinning_mm(self) -> float:
         """Thinning of the gel at which the calibrated curve ends."""
         return float(min(-self.twin_fit.contact.thickness_change_mm.min(), 0.95 * self.twin_fit.light.thickness_mm))
 
@@ -311,11 +311,11 @@ class TwinBallFit(BallFit):
         """Return the brightness model as a depth curve, corrected by the measured darkening in this region of the ball, because the
         form of the model is an idealisation.
         """
-        knot_depth_mm = np.array(self._model_curve.indentation_mm)
+        knot_thinning_mm = np.array(self._model_curve.indentation_mm)
         knot_darkening = np.array(self._model_curve.darkening)
-        depth_mm = self.thinning_mm[where]
-        residual = self._restored_darkening[where] - np.interp(depth_mm, knot_depth_mm, knot_darkening)
-        knot = np.rint(depth_mm / knot_depth_mm[1]).astype(int)
+        thinning_mm = self.thinning_mm[where]
+        residual = self._restored_darkening[where] - np.interp(thinning_mm, knot_thinning_mm, knot_darkening)
+        knot = np.rint(thinning_mm / knot_thinning_mm[1]).astype(int)
         count = np.bincount(knot, minlength=_KNOT_COUNT)[:_KNOT_COUNT]
         mean = np.bincount(knot, residual, minlength=_KNOT_COUNT)[:_KNOT_COUNT] / np.maximum(count, 1)
         known = np.flatnonzero(count > _MIN_PIXELS_PER_KNOT)
@@ -330,7 +330,7 @@ class TwinBallFit(BallFit):
         """Return the curve beyond the depth of the press, where the brightness model continues from this darkening; nothing for a
         press that left little of the gel."""
         light = self.twin_fit.light
-        start_mm = self._calibrated_depth_mm
+        start_mm = self._calibrated_thinning_mm
         end_mm = _MAX_DEPTH_PER_THICKNESS * min(self.twin_fit.press.thickness_mm, light.thickness_mm)
         if end_mm < start_mm + _MIN_CONTINUATION_MM:
             return CurveContinuation()
@@ -345,9 +345,8 @@ class TwinBallFit(BallFit):
     def with_errors(self, curve: DepthCurve) -> DepthCurve:
         """Return the curve with its errors: cross-validation on the ball, and the uncertainty of the depth of the press."""
         reconstruction_error_mm = np.hypot(self.error_mm(curve, self.disc), self.cross_validation_mae_mm)
-        deeper = (
-            self.max_indentation_mm / self._calibrated_depth_mm
-        )  # a base that yields adds its deflection to the thinning
+        # A base that yields adds its deflection to the thinning.
+        deeper = self.max_indentation_mm / self._calibrated_thinning_mm
         depth_error_mm = self.twin_fit.relative_depth_std * deeper * np.array(curve.indentation_mm)
         error_mm = np.hypot(reconstruction_error_mm, depth_error_mm)
         extrapolated_mm = np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm

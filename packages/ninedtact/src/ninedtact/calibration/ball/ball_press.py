@@ -27,7 +27,7 @@ from ninedtact.calibration.brightness_change import (
     require_usable_exposure,
 )
 from ninedtact.design import BallGauge
-from ninedtact.mechanics.interface_deflection import InterfaceDeflection
+from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.depth import BrightnessSignal, Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
@@ -150,7 +150,7 @@ class BallFit(ABC):
         return self.height_mm
 
     @property
-    def interface(self) -> InterfaceDeflection | None:
+    def base_deflection(self) -> BaseDeflection | None:
         """The deflection of the gel's base, which is added to what the curve gives; None where the fit knows nothing of it."""
         return None
 
@@ -205,15 +205,7 @@ class BallFit(ABC):
 
     def reader(self, before: Rectified, source: UInt8[Array, "rows cols"]) -> DepthReader:
         """Return the depth reader of the calibrated sensor for this reference image."""
-        return DepthReader(
-            self.curve,
-            before,
-            source,
-            self.smoothing,
-            loss=self.loss,
-            deblurring=self.deblurring,
-            interface=self.interface,
-        )
+        return replace(self.press_reader(self.curve, self.deblurring), reference=before, lens_source=source)
 
     def press_reader(self, curve: DepthCurve, deblurring: Deblurring | None) -> DepthReader:
         """Return the depth reader of this press with a curve and a deblurring that are being fitted."""
@@ -225,7 +217,7 @@ class BallFit(ABC):
             self.smoothing,
             loss=self.loss,
             deblurring=deblurring,
-            interface=self.interface,
+            base_deflection=self.base_deflection,
         )
 
     def error_mm(self, curve: DepthCurve, where: Bool[Array, "rows cols"]) -> float:

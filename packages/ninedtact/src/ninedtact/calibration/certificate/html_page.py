@@ -183,7 +183,7 @@ PARAMETER_MEANINGS = {
     "point_spread_mm": "How far light scatters in the gel (standard deviation); finer structure is blurred.",
     "saturation": "How much faster thin gel darkens than thick gel; zero is a straight line.",
     "inverse_distance_per_mm": "How much pressed skin appears displaced outwards, per mm of height and mm from the axis.",
-    "gel_over_base_modulus": "How soft the gel is beside the layer below it: 0 on a rigid base, 0.1 on one ten times as stiff.",
+    "gel_to_base_modulus_ratio": "How soft the gel is beside the layer below it: 0 on a rigid base, 0.1 on one ten times as stiff.",
     "loss": "Relative change of the whole image's brightness in this press; light is lost where it is negative.",
     "darkening_per_mm": "Relative darkening where thinning begins.",
     "brightening_per_mm": "Relative brightening where the gel is thicker than untouched.",

@@ -18,6 +18,19 @@ from scipy.optimize import least_squares, lsq_linear
 
 from ninedtact.calibration.ball.ball_press import BallPress
 from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
+from ninedtact.calibration.twin.fit_parameters import (
+    FIT_PARAMETERS,
+    NEARLY_RIGID,
+    PARAMETER_NAMES,
+    parameter_bounds,
+    parameter_scales,
+    perturb_parameter,
+)
+from ninedtact.calibration.twin.fit_uncertainty import (
+    FitUncertainty,
+    effective_observation_count,
+    estimate_uncertainty,
+)
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
@@ -31,147 +44,13 @@ from ninedtact.simulation.calibration_press_models import (
 )
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
-
-@dataclass(frozen=True)
-class _FitParameter:
-    """One parameter of the fit."""
-
-    name: str
-    lower_bound: float
-    upper_bound: float
-    difference_step: float
-    """Step of the difference quotient: small against the relevant scale, large against the solver's tolerance."""
-    scale: float = 1.0
-    moves_contact: bool = False
-    """Whether the contact must be solved again when the parameter changes."""
-
-
-_NEARLY_RIGID = 1e-3
-"""Smallest modulus of the gel over that of its base in the search: on a rigid base no press is deeper than the gel is thick."""
-
-FIT_PARAMETERS = (
-    _FitParameter("x_mm", -12, 12, 0.02),
-    _FitParameter("y_mm", -9, 9, 0.02),
-    _FitParameter("depth_mm", 0.1, 3.0, 0.02, moves_contact=True),
-    _FitParameter("drag_x_mm", -4, 4, 0.03, moves_contact=True),
-    _FitParameter("drag_y_mm", -4, 4, 0.03, moves_contact=True),
-    _FitParameter("thickness_mm", 0.8, 6.0, 0.03, moves_contact=True),
-    _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
-    _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
-    _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
-    _FitParameter("gel_over_base_modulus", _NEARLY_RIGID, 0.35, 0.02, 0.1, moves_contact=True),
-)
-"""How `BallPressParameters` are searched. Given them, three more are a linear problem: the level 1 + c, and (1 + c) times the
-slopes of darkening and brightening.
-"""
-PARAMETER_NAMES = tuple(parameter.name for parameter in FIT_PARAMETERS)
-
-
-def parameter_bounds() -> tuple[ParameterVector, ParameterVector]:
-    """Return the lower and upper bounds of the searched parameters."""
-    lower = np.array([parameter.lower_bound for parameter in FIT_PARAMETERS], float)
-    upper = np.array([parameter.upper_bound for parameter in FIT_PARAMETERS], float)
-    return lower, upper
-
-
-def parameter_scales() -> ParameterVector:
-    """Return the relevant scale of each parameter."""
-    return np.array([p.scale for p in FIT_PARAMETERS])
-
-
-def perturb_parameter(vector: ParameterVector, index: int) -> tuple[ParameterVector, float]:
-    """Return the vector with one parameter moved inside its bounds, and the step."""
-    parameter = FIT_PARAMETERS[index]
-    step = parameter.difference_step
-    if vector[index] + step >= parameter.upper_bound:
-        step = -step
-    perturbed = vector.copy()
-    perturbed[index] += step
-    return perturbed, step
-
-
-@dataclass(frozen=True)
-class FitUncertainty:
-    """Standard deviations and correlations of the searched parameters."""
-
-    effective_observations: float
-    """Effective number of independent observations."""
-    standard_deviations: dict[str, float]
-    correlation: Float[Array, "parameters parameters"]
-
-    def most_correlated_parameter(self, name: str) -> tuple[str, float]:
-        """Return the parameter with which this one is most correlated, and their correlation."""
-        index = PARAMETER_NAMES.index(name)
-        row = self.correlation[index].copy()
-        row[index] = 0
-        other = int(np.abs(row).argmax())
-        return PARAMETER_NAMES[other], float(row[other])
-
-
-def parameter_covariance(
-    jacobian: Float[Array, "rows parameters"], residual: Float[Array, "..."], effective_observations: float
-) -> Float[Array, "parameters parameters"]:
-    """Return the covariance of least-squares parameters, as of this number of independent observations (Gauss–Markov)."""
-    degrees_of_freedom = max(effective_observations - jacobian.shape[1], 1.0)
-    variance = np.sum(residual**2) / degrees_of_freedom
-    return np.linalg.pinv(jacobian.T @ jacobian) * variance
-
-
-def _estimate_uncertainty(
-    jacobian: Float[Array, "rows parameters"],
-    residual: Float[Array, " n"],
-    effective_observations: float,
-    change_per_base: ParameterVector,
-) -> FitUncertainty:
-    """Return standard deviations and correlations. The Jacobian has the rows of the priors too, the residual has not.
-
-    change_per_base: how the best parameters change with the base. What the model leaves open about the base is added to its
-    variance, and to those of all parameters that follow it.
-    """
-    covariance = parameter_covariance(jacobian, residual, effective_observations)
-    covariance = covariance + BASE_MODULUS_MODEL_STD**2 * np.outer(change_per_base, change_per_base)
-    standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
-    divisors = np.where(standard_deviations > 0, standard_deviations, 1)
-    named = dict(zip(PARAMETER_NAMES, standard_deviations.tolist(), strict=True))
-    return FitUncertainty(effective_observations, named, covariance / np.outer(divisors, divisors))
-
-
-def effective_observation_count(residual: Float[Array, "rows cols"]) -> float:
-    """Return the effective number of independent observations: their number divided by the sum of their mutual correlations.
-
-    residual: the residual of a fit as an image; not-a-number where nothing was observed.
-    """
-    is_observed = np.isfinite(residual)
-    values = residual[is_observed]
-    centred = np.where(is_observed, residual - values.mean(), 0.0)
-    pair_counts = np.maximum(_autocorrelation_sums(is_observed.astype(float)), 1)
-    correlation = _autocorrelation_sums(centred) / pair_counts / np.mean(values**2)
-    lag_rows, lag_cols = np.indices(correlation.shape)
-    lag = np.hypot(lag_rows - correlation.shape[0] // 2, lag_cols - correlation.shape[1] // 2).astype(int)
-    radial_mean = np.bincount(lag.ravel(), correlation.ravel()) / np.bincount(lag.ravel())
-    first_zero = int(np.argmax(radial_mean <= 0)) or len(radial_mean)
-    correlation_sum = float(correlation[lag < first_zero].sum())
-    return float(max(values.size / max(correlation_sum, 1.0), len(PARAMETER_NAMES) + 1.0))
-
-
-def _autocorrelation_sums(field: Float[Array, "rows cols"]) -> Float[Array, "lags_y lags_x"]:
-    """Return the autocorrelation sums at all lags, with lag zero in the middle."""
-    from scipy.fft import irfft2, next_fast_len, rfft2
-
-    lags = [2 * side - 1 for side in field.shape]
-    padded = [next_fast_len(count) for count in lags]
-    sums = irfft2(np.abs(rfft2(field, padded)) ** 2, padded)
-    middle = [count // 2 for count in lags]
-    return np.asarray(np.roll(sums, middle, (0, 1))[: lags[0], : lags[1]])
-
-
 RELATIVE_THICKNESS_STD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
 (`simulation.real_sensor_twins`)."""
-BASE_MODULUS_STD = 0.04
+MODULUS_RATIO_STD = 0.04
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a rigid
 base to one eight times as stiff as the gel."""
-BASE_MODULUS_MODEL_STD = 0.04
+MODULUS_RATIO_MODEL_STD = 0.04
 """Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within
 its error move the result by as much."""
 TYPICAL_PARAMETERS = {
@@ -267,20 +146,17 @@ class TwinFit:
 
     @property
     def gel(self) -> Gel:
-        """The design's gel with the fitted thickness and base."""
-        press = self.press
-        return replace(
-            self.problem.model.design.gel,
-            thickness_mm=press.thickness_mm,
-            gel_over_base_modulus=press.gel_over_base_modulus,
-        )
+        """The design's gel with the fitted thickness and base; a base that is rigid by design stays rigid."""
+        designed, press = self.problem.model.design.gel, self.press
+        ratio = 0.0 if designed.has_rigid_base else press.gel_to_base_modulus_ratio
+        return replace(designed, thickness_mm=press.thickness_mm, gel_to_base_modulus_ratio=ratio)
 
     @property
     def relative_depth_std(self) -> float:
         """Standard deviation of the depth of the press, relative to the depth."""
         return self.uncertainty.standard_deviations["depth_mm"] / self.press.depth_mm
 
-    @property
+    @cached_property
     def contact(self) -> Contact:
         """The solved contact of the skin under the ball, with pressures in shear moduli."""
         return self.problem.model.contact(self.press)
@@ -374,8 +250,10 @@ def fit_twin_to_ball_press(
     prior_terms = _make_prior_terms(design.gel, initial_residual, observations, priors)
     problem, vector, jacobian = _fit_finely(problem, start, prior_terms)
     coefficients, residual = problem.fit_linear_terms(vector)
-    change_per_base = _change_per_base(problem, vector, prior_terms)
-    uncertainty = _estimate_uncertainty(jacobian, residual, observations, change_per_base)
+    model_error = np.zeros_like(vector)
+    if not design.gel.has_rigid_base:
+        model_error = MODULUS_RATIO_MODEL_STD * _change_per_modulus_ratio(problem, vector, prior_terms)
+    uncertainty = estimate_uncertainty(jacobian, residual, observations, model_error)
     return TwinFit(
         problem, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
     )
@@ -409,7 +287,7 @@ def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     )
     guess = {"x_mm": x, "y_mm": y, "depth_mm": depth_mm, **drag, **TYPICAL_PARAMETERS}
     guess["thickness_mm"] *= design.gel.thickness_mm / SensorDesign().gel.thickness_mm
-    guess["gel_over_base_modulus"] = design.gel.gel_over_base_modulus
+    guess["gel_to_base_modulus_ratio"] = max(design.gel.gel_to_base_modulus_ratio, NEARLY_RIGID)
     lower, upper = parameter_bounds()
     return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
@@ -478,19 +356,21 @@ def _fit_finely(
     return problem, vector, jacobian
 
 
-def _change_per_base(problem: BallPressProblem, vector: ParameterVector, prior_terms: _PriorTerms) -> ParameterVector:
+def _change_per_modulus_ratio(
+    problem: BallPressProblem, vector: ParameterVector, prior_terms: _PriorTerms
+) -> ParameterVector:
     """Return how the best parameters change with the modulus of the gel over that of its base, from a fit with another base.
 
     A difference over what is not known of the base says more than the derivative, because the fit is far from linear in it.
     """
-    start, base = vector.copy(), PARAMETER_NAMES.index("gel_over_base_modulus")
-    stiffer = vector[base] > BASE_MODULUS_MODEL_STD / 2  # towards a rigid base the press changes most
+    start, base = vector.copy(), PARAMETER_NAMES.index("gel_to_base_modulus_ratio")
+    stiffer = vector[base] > MODULUS_RATIO_MODEL_STD / 2  # towards a rigid base the press changes most
     start[base] = (
-        max(vector[base] - BASE_MODULUS_MODEL_STD, _NEARLY_RIGID) if stiffer else vector[base] + BASE_MODULUS_MODEL_STD
+        max(vector[base] - MODULUS_RATIO_MODEL_STD, NEARLY_RIGID) if stiffer else vector[base] + MODULUS_RATIO_MODEL_STD
     )
     start, _ = _leave_some_gel(problem, start)
-    others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_over_base_modulus")
-    held = ParameterPrior("gel_over_base_modulus", float(start[base]), _HELD_STD)
+    others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_to_base_modulus_ratio")
+    held = ParameterPrior("gel_to_base_modulus_ratio", float(start[base]), _HELD_STD)
     _, moved, _ = _fit_finely(problem, start, replace(prior_terms, priors=(*others, held)))
     return np.asarray((moved - vector) / (moved[base] - vector[base]))
 
@@ -510,7 +390,9 @@ def _make_prior_terms(
 ) -> _PriorTerms:
     """Return the design's thickness and base and other priors, each as one observation among this many independent ones."""
     thickness = ParameterPrior("thickness_mm", gel.thickness_mm, RELATIVE_THICKNESS_STD * gel.thickness_mm)
-    base = ParameterPrior("gel_over_base_modulus", gel.gel_over_base_modulus, BASE_MODULUS_STD)
+    base = ParameterPrior("gel_to_base_modulus_ratio", gel.gel_to_base_modulus_ratio, MODULUS_RATIO_STD)
+    if gel.has_rigid_base:  # by choice: a design without a layer that yields
+        base = ParameterPrior("gel_to_base_modulus_ratio", NEARLY_RIGID, _HELD_STD * NEARLY_RIGID)
     grey_levels_per_std = float(np.sqrt(np.sum(residual**2) / observations))
     return _PriorTerms((thickness, base, *priors), grey_levels_per_std)
 

@@ -8,7 +8,8 @@ from ninedtact.calibration.sensor_toml_schema import (
     TwinFitQuality,
     TwinTable,
 )
-from ninedtact.calibration.twin.ball_press_fit import FitUncertainty, TwinFit
+from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.calibration.twin.fit_uncertainty import FitUncertainty
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit
 
 

@@ -71,7 +71,7 @@ class InitialGuess:
     """The tractions and the change of the gel's thickness from which the iteration starts."""
 
     tractions: Tractions
-    thicker_mm: SkinField
+    thickness_change_mm: SkinField
     nonlinear_mm: SkinField | float = 0.0
     """The part of the change that is not linear in the tractions."""
     misfit: float = 1.0
@@ -138,7 +138,7 @@ class TractionInversion:
         Where an iteration brings the result no nearer, the next ones linearise closer to where this one did.
         """
         result = best = self._iterate(observation, region, guess)
-        step, about_mm = 1.0, guess.thicker_mm
+        step, about_mm = 1.0, guess.thickness_change_mm
         while result.iterations < max_iterations and best.newton_decrement > self.solver.target_decrement:
             about_mm = about_mm + np.float32(step) * (result.skin.thickness_change_mm - about_mm)
             carried = InitialGuess(
@@ -154,7 +154,7 @@ class TractionInversion:
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem = self._linearise(observation, region, guess)
-        offset = self.law(guess.thicker_mm) - problem.slope * (guess.thicker_mm - guess.nonlinear_mm)
+        offset = self.law(guess.thickness_change_mm) - problem.slope * (guess.thickness_change_mm - guess.nonlinear_mm)
         programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
@@ -165,7 +165,7 @@ class TractionInversion:
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
         misfit = self._misfit(observation, skin.thickness_change_mm)
         return InversionResult(
-            tractions, skin, guess.thicker_mm, problem, solution, misfit, decrement, guess.iterations + 1
+            tractions, skin, guess.thickness_change_mm, problem, solution, misfit, decrement, guess.iterations + 1
         )
 
     def _linearise(
@@ -176,7 +176,7 @@ class TractionInversion:
         strain = depth_mm / self.forward.gel.thickness_mm
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
-        slope = self.law.slope_per_mm(guess.thicker_mm)
+        slope = self.law.slope_per_mm(guess.thickness_change_mm)
         whitener = self._whitener(observation, guess.misfit)
         return LinearisedBrightnessProblem(
             self._kernels, self._discrete_prior, region, carries, slope, whitener, strain
@@ -188,9 +188,9 @@ class TractionInversion:
         tractions[0] = np.maximum(-observation.z_mm, 0) * region * np.float32(_WINKLER_PER_MM)
         return InitialGuess(tractions, self._extend_to_skin(observation.z_mm))
 
-    def _misfit(self, observation: ObservationOnCells, thicker_mm: SkinField) -> float:
+    def _misfit(self, observation: ObservationOnCells, thickness_change_mm: SkinField) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        residual = observation.change - self.forward.scatter(self.law(thicker_mm))
+        residual = observation.change - self.forward.scatter(self.law(thickness_change_mm))
         square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
         return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
 

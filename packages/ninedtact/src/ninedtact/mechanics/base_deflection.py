@@ -19,20 +19,22 @@ from ninedtact.mechanics.finite_strain import finite_strain_stiffening
 from ninedtact.mechanics.layer_compliance import gel_compliance
 from ninedtact.mechanics.skin import PeriodicGrid, padded_grid
 
-PITCH_MM = 0.4
+_PITCH_MM = 0.4
 """Pitch of the grid on which the deflection, which is smooth over a thickness, is computed."""
-MARGIN_MM = 6.0
+_MARGIN_MM = 6.0
 """Width of the skin beyond the field; thicker or thinner gel there is not seen and taken as untouched."""
-ITERATIONS = 3
+_SMOOTHING_PITCHES = 0.4
+"""Standard deviation of the filter before the coarser grid, in pitches of it."""
+_ITERATIONS = 3
 STIFFENING = 1.3
 """Usual factor on the stiffening, because friction carries a part of the load that the filter attributes to pressure. Found on
-balls of 4 mm on bases 3 to 10 times as stiff as the gel, down to 0.8 of the thickness: with it, depths are right to 2 %."""
+balls of 4 mm on bases 3 to 10 times as stiff as the gel, down to 0.8 of the thickness: with it, depths are right to 2 to 5 %."""
 
 Field = Float32[Array, "rows cols"]
 
 
 @dataclass(frozen=True)
-class InterfaceDeflection:
+class BaseDeflection:
     """Computes the height of the interface below a gel from the change of the gel's thickness."""
 
     gel: Gel
@@ -47,13 +49,13 @@ class InterfaceDeflection:
         if self.gel.has_rigid_base:
             return np.zeros_like(thickness_change_mm)
         rows, cols = thickness_change_mm.shape
-        grid = padded_grid(cols * mm_per_px, rows * mm_per_px, PITCH_MM, MARGIN_MM)
+        grid = padded_grid(cols * mm_per_px, rows * mm_per_px, _PITCH_MM, _MARGIN_MM)
         # The field's middle lies on the grid's middle; points of the grid beyond the field are untouched.
-        zoom = mm_per_px / PITCH_MM
+        zoom = mm_per_px / _PITCH_MM
         to_grid = np.array(
             [[zoom, 0, (grid.cols - 1 - zoom * (cols - 1)) / 2], [0, zoom, (grid.rows - 1 - zoom * (rows - 1)) / 2]]
         )
-        smooth = cv2.GaussianBlur(thickness_change_mm, (0, 0), max(0.4 / zoom, 0.3))
+        smooth = cv2.GaussianBlur(thickness_change_mm, (0, 0), _SMOOTHING_PITCHES / zoom)
         coarse = cv2.warpAffine(smooth, to_grid, (grid.cols, grid.rows), flags=cv2.INTER_LINEAR, borderValue=0.0)
         interface = self._interface_mm(coarse, grid)
         return np.asarray(
@@ -66,7 +68,7 @@ class InterfaceDeflection:
 
         share = _share_of_interface(grid, self.gel)
         linear_mm = thickness_change_mm
-        for _ in range(ITERATIONS if self.gel.finite_strain else 0):
+        for _ in range(_ITERATIONS if self.gel.finite_strain else 0):
             height_mm = linear_mm + irfft2(rfft2(linear_mm) * share, s=grid.shape)
             stiffening = finite_strain_stiffening(height_mm, linear_mm, self.gel)
             added = self.stiffening * (stiffening - 1) * np.minimum(linear_mm, 0)

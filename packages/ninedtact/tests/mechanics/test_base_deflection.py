@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ninedtact.design import DesignImpossible, Gel
+from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.mechanics.interface_deflection import InterfaceDeflection
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
@@ -28,10 +28,10 @@ def press_of(gel: Gel, depth_mm: float, drag_mm: float = 0.0) -> Contact:
 @pytest.mark.parametrize("ratio", [0.03, 0.1, 0.3])
 @pytest.mark.parametrize("depth_mm", [0.4, 1.0, 1.5])
 def test_thickness_and_deflection_add_up_to_the_height(ratio: float, depth_mm: float) -> None:
-    gel = Gel(2.0, gel_over_base_modulus=ratio)
+    gel = Gel(2.0, gel_to_base_modulus_ratio=ratio)
     contact = press_of(gel, depth_mm)
     thicker_mm = contact.thickness_change_mm.astype(np.float32)
-    read_mm = thicker_mm + InterfaceDeflection(gel)(thicker_mm, GRID.pitch_mm)
+    read_mm = thicker_mm + BaseDeflection(gel)(thicker_mm, GRID.pitch_mm)
     assert read_mm.min() == pytest.approx(contact.height_mm.min(), rel=0.055)
     near = np.hypot(*GRID.positions_mm) < 6
     ignored, left = (np.abs(each - contact.height_mm)[near].mean() for each in (thicker_mm, read_mm))
@@ -39,15 +39,15 @@ def test_thickness_and_deflection_add_up_to_the_height(ratio: float, depth_mm: f
 
 
 def test_a_rigid_base_does_not_move_and_untouched_gel_neither() -> None:
-    rigid, soft = replace(Gel(), gel_over_base_modulus=0.0), replace(Gel(), gel_over_base_modulus=0.3)
+    rigid, soft = replace(Gel(), gel_to_base_modulus_ratio=0.0), replace(Gel(), gel_to_base_modulus_ratio=0.3)
     pressed = press_of(rigid, 1.0).thickness_change_mm.astype(np.float32)
-    assert not InterfaceDeflection(rigid)(pressed, GRID.pitch_mm).any()
-    assert not InterfaceDeflection(soft)(np.zeros_like(pressed), GRID.pitch_mm).any()
+    assert not BaseDeflection(rigid)(pressed, GRID.pitch_mm).any()
+    assert not BaseDeflection(soft)(np.zeros_like(pressed), GRID.pitch_mm).any()
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"gel_over_base_modulus": -0.1}, {"gel_over_base_modulus": 11.0}, {"base_thickness_mm": 0.0}]
+    "wrong", [{"gel_to_base_modulus_ratio": -0.1}, {"gel_to_base_modulus_ratio": 11.0}, {"base_thickness_mm": 0.0}]
 )
 def test_a_base_that_no_sensor_has_is_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(DesignImpossible, match=r"expected gel\.(gel_over_base|base_thickness)"):
+    with pytest.raises(DesignImpossible, match=r"expected gel\.(gel_to_base|base_thickness)"):
         Gel(**wrong)
