@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from figures import Figure, answer, at_most
+from figures import Figure, answer, at_most, holds
 from real_images import REAL
 from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import least_squares
@@ -37,7 +37,9 @@ LEAST_N = 0.3
 ZERO_STD_MM = {"ball8": 0.3}
 """Standard deviation of the depth at which a ramp begins, by probe; 0.03 mm for the others."""
 FRICTION = 1.0
-CUBE_MM, CUBE_PITCH_MM = 4.0, 0.05
+BASE_MM = 9.2
+"""Thickness of the layer below the gel, which is not known of these units; the modulus that is found goes with it."""
+CUBE_PITCH_MM = 0.05
 
 
 @dataclass(frozen=True)
@@ -58,20 +60,15 @@ class Ramp:
         return float(self.unit.split("_")[1].removesuffix("mm"))
 
 
-def measured_presses(
-    data: Path = REAL.parent / "real_force", base_mm: float = 9.2, quick: bool = False, json: bool = False
-) -> None:
-    """Fit the models to all presses and print their errors; a minute.
-
-    base_mm: thickness of the layer below the gel, which is not known of these units. quick: one unit and fewer depths.
-    """
+def measured_presses(data: Path = REAL.parent / "real_force", quick: bool = False, json: bool = False) -> None:
+    """Fit the models to all presses and print their errors; a minute. quick: two ramps of one unit."""
     ramps = read_ramps(data)
     if quick:
         ramps = [ramp for ramp in ramps if ramp.unit == ramps[0].unit][:2]
     recipes, units = (list(dict.fromkeys(names)) for names in ([r.recipe for r in ramps], [r.unit for r in ramps]))
-    rigid = fit(ramps, recipes, lambda ramp: ramp.recipe, base_mm, is_rigid=True)
-    shared = fit(ramps, recipes, lambda ramp: ramp.recipe, base_mm)
-    single = fit(ramps, units, lambda ramp: ramp.unit, base_mm)
+    rigid = fit(ramps, recipes, lambda ramp: ramp.recipe, is_rigid=True)
+    shared = fit(ramps, recipes, lambda ramp: ramp.recipe)
+    single = fit(ramps, units, lambda ramp: ramp.unit)
     figures = [
         Figure("one modulus for a recipe, rigid base: error above 0.3 N, %", 100 * rigid.error),
         at_most("one modulus for a recipe, one base: error above 0.3 N, %", 100 * shared.error, 4.0),
@@ -111,12 +108,12 @@ def probe_indenter(probe: str) -> Indenter:
 
 
 @cache
-def load_table(probe: str, thickness_mm: float, base_mm: float) -> RegularGridInterpolator:
+def load_table(probe: str, thickness_mm: float) -> RegularGridInterpolator:
     """Return load over shear modulus, mm², by modulus of the gel over that of the base and by depth."""
     indenter, depths = probe_indenter(probe), DEPTHS_MM[0.8 * thickness_mm > DEPTHS_MM]
     loads = []
     for ratio in GEL_OVER_BASE:
-        gel = Gel(thickness_mm, 1.0, base_thickness_mm=base_mm, gel_to_base_modulus_ratio=float(ratio))
+        gel = Gel(thickness_mm, 1.0, base_thickness_mm=BASE_MM, gel_to_base_modulus_ratio=float(ratio))
         model = ContactModel(gel_skin(GRID, gel), FRICTION, SolverSettings(tolerance=2e-3, must_converge=False))
         contacts = model.follow(indenter, [Pose(depth_mm=float(depth)) for depth in depths])
         corrected = (correct_for_finite_strain(contact) for contact in contacts)
@@ -151,9 +148,9 @@ def relative_error(pairs: Iterable[tuple[Ramp, np.ndarray]]) -> float:
     return float(np.concatenate(errors).mean())
 
 
-def predict_n(ramp: Ramp, modulus_mpa: float, base_mpa: float, zero_mm: float, base_mm: float) -> np.ndarray:
+def predict_n(ramp: Ramp, modulus_mpa: float, base_mpa: float, zero_mm: float) -> np.ndarray:
     """Return the loads of a ramp, N."""
-    table = load_table(ramp.probe, ramp.thickness_mm, base_mm)
+    table = load_table(ramp.probe, ramp.thickness_mm)
     depth_mm = np.clip(ramp.depth_mm - zero_mm, 0, table.grid[1][-1])
     ratio = np.full_like(depth_mm, np.clip(modulus_mpa / base_mpa, 0, GEL_OVER_BASE[-1]))
     return modulus_mpa * table(np.stack([ratio, depth_mm], axis=-1))
@@ -163,7 +160,6 @@ def fit(
     ramps: Sequence[Ramp],
     names: Sequence[str],
     name_of: Callable[[Ramp], str],
-    base_mm: float,
     is_rigid: bool = False,
     base_mpa: float | None = None,
 ) -> Fitted:
@@ -177,7 +173,7 @@ def fit(
 
     def predict(vector: np.ndarray) -> list[np.ndarray]:
         moduli, base, zeros = unpack(vector)
-        return [predict_n(r, moduli[name_of(r)], base, z, base_mm) for r, z in zip(ramps, zeros, strict=True)]
+        return [predict_n(r, moduli[name_of(r)], base, z) for r, z in zip(ramps, zeros, strict=True)]
 
     def residual(vector: np.ndarray) -> np.ndarray:
         loads = predict(vector)
@@ -202,7 +198,7 @@ def predictions_across_probes(ramps: Sequence[Ramp], shared: Fitted) -> list[Fig
             others = [ramp for ramp in own if ramp.probe != probe]
             if not others:
                 continue
-            known = fit(others, [unit], lambda ramp: ramp.unit, 9.2, base_mpa=shared.base_mpa)
+            known = fit(others, [unit], lambda ramp: ramp.unit, base_mpa=shared.base_mpa)
             asked = [ramp for ramp in own if ramp.probe == probe]
             if not any((ramp.force_n > LEAST_N).any() for ramp in asked):
                 continue
@@ -212,43 +208,44 @@ def predictions_across_probes(ramps: Sequence[Ramp], shared: Fitted) -> list[Fig
     return figures
 
 
-def best_zero(ramp: Ramp, modulus_mpa: float, base_mpa: float, base_mm: float = 9.2) -> np.ndarray:
+def best_zero(ramp: Ramp, modulus_mpa: float, base_mpa: float) -> np.ndarray:
     """Return the loads of a ramp with known moduli, the depth at which it begins being free."""
 
     def residual(zero: np.ndarray) -> np.ndarray:
-        load = predict_n(ramp, modulus_mpa, base_mpa, float(zero[0]), base_mm)
+        load = predict_n(ramp, modulus_mpa, base_mpa, float(zero[0]))
         misfit = (load - ramp.force_n) / np.hypot(0.05 * ramp.force_n, 0.02)
         return np.append(misfit, zero / ZERO_STD_MM.get(ramp.probe, 0.03))
 
-    return predict_n(ramp, modulus_mpa, base_mpa, float(least_squares(residual, [0.0]).x[0]), base_mm)
+    return predict_n(ramp, modulus_mpa, base_mpa, float(least_squares(residual, [0.0]).x[0]))
 
 
 def shear_predictions(file: Path, shared: Fitted) -> list[Figure]:
-    """Return the lateral force per way of a ball that is held at a load and moved, over that which was measured."""
+    """Return load and lateral force of a ball that is held at a depth and moved, over those that were measured."""
     with file.open() as table:
         rows = [row for row in csv.DictReader(table) if row["segment"].endswith("_out")]
     figures = []
     for segment in dict.fromkeys((row["cycle"], row["segment"]) for row in rows):
         own = [row for row in rows if (row["cycle"], row["segment"]) == segment]
-        columns = ("tcp_x_mm", "tcp_y_mm", "Fx_base_N", "Fy_base_N", "Fz_base_N")
-        x, y, f_x, f_y, f_z = np.array([[float(row[name]) for name in columns] for row in own]).T
+        columns = ("tcp_x_mm", "tcp_y_mm", "depth_mm", "Fx_base_N", "Fy_base_N", "Fz_base_N")
+        x, y, depth_mm, f_x, f_y, f_z = np.array([[float(row[name]) for name in columns] for row in own]).T
         way = np.hypot(x[-1] - x[0], y[-1] - y[0])
         measured = np.hypot(f_x[-1] - f_x[0], f_y[-1] - f_y[0])
-        ramp = Ramp(own[0]["unit"], "ball8", np.zeros(1), np.zeros(1))
+        ramp = Ramp(own[0]["unit"], "ball8", np.array([np.nanmean(depth_mm)]), -np.array([f_z.mean()]))
         modulus = shared.modulus_mpa.get(ramp.recipe)
         if modulus is None:
             continue
-        predicted = drag_force_n(ramp.thickness_mm, modulus, shared.base_mpa, -float(f_z.mean()), float(way))
-        name = f"{own[0]['unit']} {segment[1]}: force of a drag by {way:.2f} mm over measured, %"
-        figures.append(Figure(name, 100 * predicted / measured, "88 to 112"))
+        load_n = float(predict_n(ramp, modulus, shared.base_mpa, 0.0)[0])
+        drag_n = drag_force_n(ramp.thickness_mm, modulus, shared.base_mpa, float(ramp.force_n[0]), float(way))
+        name = f"{ramp.unit} {segment[1]}"
+        figures.append(Figure(f"{name}: load at its depth over measured, %", 100 * load_n / float(ramp.force_n[0])))
+        title = f"{name}: force of a drag by {way:.2f} mm over measured, %"
+        figures.append(holds(title, 100 * drag_n / measured, "88 to 112", 0.88 <= drag_n / measured <= 1.12))
     return figures
 
 
-def drag_force_n(
-    thickness_mm: float, modulus_mpa: float, base_mpa: float, load_n: float, way_mm: float, base_mm: float = 9.2
-) -> float:
+def drag_force_n(thickness_mm: float, modulus_mpa: float, base_mpa: float, load_n: float, way_mm: float) -> float:
     """Return the lateral force on a ball of 8 mm diameter that is pressed with a load and then moved."""
-    gel = Gel(thickness_mm, modulus_mpa, base_thickness_mm=base_mm, gel_to_base_modulus_ratio=modulus_mpa / base_mpa)
+    gel = Gel(thickness_mm, modulus_mpa, base_thickness_mm=BASE_MM, gel_to_base_modulus_ratio=modulus_mpa / base_mpa)
     model = ContactModel(gel_skin(GRID, gel), FRICTION, SolverSettings(tolerance=2e-3, must_converge=False))
     contact = model.step_to_load(model.initial_contact(), Ball(4.0), Pose(depth_mm=0.2), load_n)
     for share in (0.25, 0.5, 0.75, 1.0):

@@ -327,7 +327,7 @@ def _ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, nois
         max_indentation_mm=ball.max_indentation_mm,
         reconstruction_mae_mm=ball.reconstruction_mae_mm,
         cross_validation_mae_mm=ball.cross_validation_mae_mm,
-        range_mm=ball.curve.max_indentation_mm,
+        range_mm=ball.range_mm,
         noise_mm=noise_mm,
         darkening_grey_levels=circle.darkening_grey_levels,
         asymmetry=circle.asymmetry,

@@ -301,6 +301,16 @@ class TwinBallFit(BallFit):
         """Thinning of the gel at which the calibrated curve ends."""
         return float(min(-self.twin_fit.contact.thickness_change_mm.min(), 0.95 * self.twin_fit.light.thickness_mm))
 
+    @property
+    def _depth_per_thinning(self) -> float:
+        """Depth of the press over the thinning of the gel; a base that yields adds its deflection."""
+        return self.max_indentation_mm / self._calibrated_thinning_mm
+
+    @property
+    def range_mm(self) -> float:
+        """Depth to which the curve is calibrated, that of the press."""
+        return self.curve.max_indentation_mm * self._depth_per_thinning
+
     @cached_property
     def _restored_darkening(self) -> Float32[Array, "rows cols"]:
         """Darkening of the ball image after the corrections of a reconstruction: lost and scattered light are restored."""
@@ -345,9 +355,8 @@ class TwinBallFit(BallFit):
     def with_errors(self, curve: DepthCurve) -> DepthCurve:
         """Return the curve with its errors: cross-validation on the ball, and the uncertainty of the depth of the press."""
         reconstruction_error_mm = np.hypot(self.error_mm(curve, self.disc), self.cross_validation_mae_mm)
-        # A base that yields adds its deflection to the thinning.
-        deeper = self.max_indentation_mm / self._calibrated_thinning_mm
-        depth_error_mm = self.twin_fit.relative_depth_std * deeper * np.array(curve.indentation_mm)
+        depth_mm = self._depth_per_thinning * np.array(curve.indentation_mm)
+        depth_error_mm = self.twin_fit.relative_depth_std * depth_mm
         error_mm = np.hypot(reconstruction_error_mm, depth_error_mm)
         extrapolated_mm = np.array(curve.beyond.indentation_mm) - curve.max_indentation_mm
         continuation_error_mm = error_mm[-1] + _CONTINUATION_ERROR_PER_MM * extrapolated_mm

@@ -193,6 +193,11 @@ class BallFit(ABC):
         return np.maximum(-self.thickness_change_mm.astype(float), 0)
 
     @property
+    def range_mm(self) -> float:
+        """Depth to which the curve is calibrated."""
+        return self.curve.max_indentation_mm
+
+    @property
     def reconstruction_mae_mm(self) -> float:
         """Mean absolute error of the reconstructed height inside the disc."""
         return self.error_mm(self.curve, self.disc)
