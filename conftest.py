@@ -2,6 +2,7 @@
 
 import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 # Two workers with two threads each hinder each other: the tests of calibration take half as long again. Libraries read this when
@@ -82,6 +83,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_runtest_setup() -> None:
     begin_test()
+
+
+@pytest.fixture
+def without_type_checks() -> Iterator[None]:
+    """Let a test give what the types exclude, which the check of types would refuse before the library does."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", bool(os.environ.get("JAXTYPING_DISABLE")))
 
 
 def pytest_collection_finish() -> None:

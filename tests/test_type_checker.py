@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from jaxtyping import Float, config
+from jaxtyping import Float
 from numpy import ndarray as Array
 
 from type_checker import begin_test, check_calls, checked
@@ -103,9 +103,6 @@ def test_a_function_within_a_function_is_checked_and_closes_over_its_own_values(
     assert of_two(COLUMN[:2]).shape == (2,)
 
 
+@pytest.mark.usefixtures("without_type_checks")
 def test_a_test_may_give_what_the_types_exclude() -> None:
-    config.update("jaxtyping_disable", True)
-    try:
-        assert plain(2.0) == 1
-    finally:
-        config.update("jaxtyping_disable", False)
+    assert plain(2.0) == 1

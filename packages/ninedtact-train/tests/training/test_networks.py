@@ -62,6 +62,7 @@ def test_labels_turn_numbers_into_newtons() -> None:
     assert torch.equal(wrench, torch.full((3, 6), -1.0))
 
 
+@pytest.mark.usefixtures("without_type_checks")
 def test_what_no_network_takes_is_refused() -> None:
     with pytest.raises(InputError, match="one of 'moments', 'densenet121', 'densenet169', got 'alexnet'"):
         TrainingSettings("alexnet")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from jaxtyping import config
 
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
 from ninedtact.calibration.drift.reference_check import load_calibrated_reference, measure_drift
@@ -63,15 +62,12 @@ def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: P
     assert made.record.grid.mm_per_px == pytest.approx(0.0510150969, rel=2e-3)
 
 
+@pytest.mark.usefixtures("without_type_checks")
 @pytest.mark.parametrize("choice", [{"lens": "Paper"}, {"method": "phisics"}, {"camera_rotation_deg": 45}])
 def test_a_choice_of_a_calibration_that_does_not_exist_is_refused(choice: dict[str, Any]) -> None:
     (name, value), *_ = choice.items()
-    config.update("jaxtyping_disable", True)  # the type checker of the tests would refuse the value first
-    try:
-        with pytest.raises(InputError, match=f"^expected {name} to be one of .*, got {value!r}"):
-            CalibrationSettings(**choice)
-    finally:
-        config.update("jaxtyping_disable", False)
+    with pytest.raises(InputError, match=f"^expected {name} to be one of .*, got {value!r}"):
+        CalibrationSettings(**choice)
 
 
 def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated_a: Calibration) -> None:
