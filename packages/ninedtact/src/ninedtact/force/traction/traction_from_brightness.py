@@ -47,21 +47,23 @@ _LEVEL_STD = 0.003
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """Limits of the iteration, and its convergence criteria."""
+    """Limits of the iteration, and its convergence criteria, which are the same wherever it starts."""
 
-    max_iterations: int = 4
+    max_iterations: int = 5
     """Largest number of linearisations without a previous result."""
-    max_warm_iterations: int = 1
+    max_warm_iterations: int = 2
     """Largest number of linearisations that start from the result of the previous image."""
     max_qp_solves: int = 30
     """Largest number of linear solves for each quadratic programme."""
-    target_decrement: float = 1.0
-    """Newton decrement, in standard deviations of any sum of the unknowns, at which the iteration ends."""
+    target_decrement: float = 0.2
+    """Newton decrement, in standard deviations of any sum of the unknowns, below which the iteration may end."""
+    target_change: float = 0.08
+    """Change of the pressure, relative to its sum, below which the iteration may end: shear is carried by the pressure of the
+    iteration before."""
     max_warm_decrement: float = 2.0
     """Newton decrement above which a result that started from the previous image is discarded."""
     max_warm_change: float = 0.25
-    """Change of the pressure, relative to its sum, above which such a result is discarded: shear is carried by the pressure of the
-    previous image."""
+    """Change of the pressure in the last iteration, relative to its sum, above which such a result is discarded."""
     max_trusted_decrement: float = 5.0
     """Newton decrement above which the result counts as not converged."""
 
@@ -94,7 +96,13 @@ class InversionResult:
     """Root mean square of the residual over its standard deviation; at least one."""
     newton_decrement: float
     """Upper bound of the distance to the optimum, in standard deviations of any sum of the unknowns."""
-    iterations: int = 1
+    pressure_change: float
+    """Change of the pressure in the last iteration, relative to its sum."""
+    iterations: int
+
+    def is_within(self, decrement: float, change: float) -> bool:
+        """Return whether neither the Newton decrement nor the change of the pressure is larger than this."""
+        return self.newton_decrement <= decrement and self.pressure_change <= change
 
 
 @dataclass(frozen=True)
@@ -112,40 +120,38 @@ class TractionInversion:
         """Return the tractions in a contact region. The result of a stream's previous image, given as `last`, saves iterations.
 
         The iteration starts from the observed heights where the previous result has no pressure in the region, or where the
-        iterations from it do not converge: the result then does not depend on the previous image.
+        iterations from it stay far from convergence: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
             about_mm = (last.linearised_mm + last.skin.thickness_change_mm) / 2
             guess = InitialGuess(last.tractions, about_mm, last.skin.nonlinear_mm, last.misfit)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
-            if self._followed(last.tractions[0], result):
+            if result.is_within(self.solver.max_warm_decrement, self.solver.max_warm_change):
                 return result
         return self._converge(
             observation, region, self._guess_from_heights(observation, region), self.solver.max_iterations
         )
 
-    def _followed(self, before: View, result: InversionResult) -> bool:
-        """Return whether a search that started from the pressure of the previous image has arrived."""
-        pressure = result.tractions[0]
-        change = float(np.abs(pressure - before).sum()) / max(float(pressure.sum()), 1e-9)
-        return result.newton_decrement <= self.solver.max_warm_decrement and change <= self.solver.max_warm_change
+    def _has_converged(self, result: InversionResult) -> bool:
+        """Return whether another iteration would hardly change the result."""
+        return result.is_within(self.solver.target_decrement, self.solver.target_change)
 
     def _converge(
         self, observation: ObservationOnCells, region: View, guess: InitialGuess, max_iterations: int
     ) -> InversionResult:
-        """Iterate from a guess until the target is reached, or as often as allowed; return the result nearest to convergence.
+        """Iterate from a guess until the result has converged, or as often as allowed; return the result nearest to convergence.
 
         Where an iteration brings the result no nearer, the next ones linearise closer to where this one did.
         """
         result = best = self._iterate(observation, region, guess)
         step, about_mm = 1.0, guess.thickness_change_mm
-        while result.iterations < max_iterations and best.newton_decrement > self.solver.target_decrement:
+        while result.iterations < max_iterations and not self._has_converged(result):
             about_mm = about_mm + np.float32(step) * (result.skin.thickness_change_mm - about_mm)
             carried = InitialGuess(
                 result.tractions, about_mm, result.skin.nonlinear_mm, result.misfit, result.iterations
             )
             result = self._iterate(observation, region, carried)
-            if result.newton_decrement < best.newton_decrement:
+            if self._has_converged(result) or result.newton_decrement < best.newton_decrement:
                 best = result
             else:
                 step = max(step / 2, _SMALLEST_STEP)
@@ -164,8 +170,17 @@ class TractionInversion:
         nonlinear = self.forward.scatter(self.law(skin.thickness_change_mm) - offset - problem.slope * linear_mm)
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
         misfit = self._misfit(observation, skin.thickness_change_mm)
+        change = np.abs(tractions[0] - guess.tractions[0]).sum() / max(float(tractions[0].sum()), 1e-9)
         return InversionResult(
-            tractions, skin, guess.thickness_change_mm, problem, solution, misfit, decrement, guess.iterations + 1
+            tractions,
+            skin,
+            guess.thickness_change_mm,
+            problem,
+            solution,
+            misfit,
+            decrement,
+            float(change),
+            guess.iterations + 1,
         )
 
     def _linearise(
