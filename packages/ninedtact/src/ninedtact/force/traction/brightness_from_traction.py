@@ -70,11 +70,23 @@ class ForwardModel:
         return self._on_cells(*self._skin.interface_symbols)
 
     @cached_property
+    def sticking_shear(self) -> Complex64[Array, "2 skin_rows half"]:
+        """Shear along x and y over pressure, per wave vector, that keeps the skin from moving sideways.
+
+        Pressure spreads the gel outwards. Skin that sticks to the object does not follow, so that the object pulls it inwards.
+        """
+        parts = self._skin.fourier_symbols
+        determinant = parts["xx"] * parts["yy"] - parts["xy"] ** 2
+        along_x = (parts["yy"] * parts["bulge_x"] - parts["xy"] * parts["bulge_y"]) / determinant
+        along_y = (parts["xx"] * parts["bulge_y"] - parts["xy"] * parts["bulge_x"]) / determinant
+        return self._on_cells(-1j * along_x, -1j * along_y)
+
+    @cached_property
     def _skin(self) -> Skin:
         """The periodic skin of a gel with a shear modulus of one."""
         return Skin(self.cells.patch, replace(self.gel, shear_modulus_mpa=1.0), np.zeros(()))
 
-    def _on_cells(self, *symbols: Array) -> Complex64[Array, "3 skin_rows half"]:
+    def _on_cells(self, *symbols: Array) -> Complex64[Array, "symbols skin_rows half"]:
         """Return symbols for tractions that are uniform over cells: those of points times the sinc of each axis."""
         wave_x, wave_y = self.cells.patch.wave_vectors
         turns = self.cells.pitch_mm / (2 * np.pi)
@@ -150,6 +162,11 @@ class InfluenceKernels:
         at = influence_window_indices(self.forward.cells, row, col)
         return [windows[at] for windows in self._height_windows]
 
+    def sticking_shear_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n rows cols"]]:
+        """Return the shear along x and along y on the view that keeps the skin under unit pressure on each of these cells in place."""
+        at = influence_window_indices(self.forward.cells, row, col)
+        return [windows[at] for windows in self._sticking_windows]
+
     @cached_property
     def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
         """Weights with which light scatters from that skin into the cells of the view, one axis at a time."""
@@ -163,6 +180,10 @@ class InfluenceKernels:
     @cached_property
     def _height_windows(self) -> list[Float32[Array, "rows cols skin_rows skin_cols"]]:
         return [influence_windows(self.forward.cells, each, self.around) for each in self.forward.compliance]
+
+    @cached_property
+    def _sticking_windows(self) -> list[Float32[Array, "rows cols rows cols"]]:
+        return [influence_windows(self.forward.cells, each, (0, 0)) for each in self.forward.sticking_shear]
 
 
 def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Array:

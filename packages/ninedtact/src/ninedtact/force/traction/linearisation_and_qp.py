@@ -2,9 +2,10 @@
 
 The prior (`TractionPrior`) has the statistics of simulated presses, in units of the shear modulus (docs/force_physics.md has the
 figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, and a standard deviation in proportion to the
-indentation over the gel's thickness. Shear is
-pressure times a smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.12 on each axis); the
-other varies over about two millimetres (friction against the sideways spreading of the gel: 0.2).
+indentation over the gel's thickness. Shear has the
+mean that keeps the skin under the pressure from spreading sideways, as friction does, and deviates from it by pressure times a
+smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.12 on each axis); the other varies over
+about two millimetres (0.2).
 
 The quadratic programme of one linearisation has unknowns that must not be negative. It is solved exactly, by block principal
 pivoting: each bounded unknown is free, or held at zero. The free unknowns are solved for; then those that are negative are held,
@@ -114,6 +115,8 @@ def _keep_last(mask: Bool[Array, " n"]) -> Bool[Array, " n"]:
 
 _MIN_MODE_POWER = 0.01
 """Fraction of the strongest shear mode's power below which a mode is left out."""
+_MODE_DAMPING = 1e-3
+"""Damping of the projection on shear modes, relative to the strongest of them: neighbouring modes overlap."""
 _CELLS_PER_BATCH = 64
 """Number of cells whose fields are computed together, small enough for the processor's cache."""
 
@@ -204,7 +207,8 @@ class Whitener:
 class LinearisedBrightnessProblem:
     """The quadratic programme ½ xᵀHx − bᵀx that results from linearising about guessed heights of the skin.
 
-    The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y.
+    The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y, as
+    far as they differ from those that the pressure brings with it.
     """
 
     kernels: InfluenceKernels
@@ -234,6 +238,20 @@ class LinearisedBrightnessProblem:
         return np.ascontiguousarray(carried[:, power > _MIN_MODE_POWER * max(float(power.max()), 1e-12)])
 
     @cached_property
+    def sticking_weights(self) -> Float32[Array, "n weights"]:
+        """Weights of the shear modes along x and along y that unit pressure on each of these cells brings with it.
+
+        They are the projection of the shear that keeps the skin in place on the modes.
+        """
+        row, col = self.contact_cells
+        modes = self.carried_shear.astype(float)
+        gram = modes.T @ modes
+        gram[np.diag_indices_from(gram)] += max(_MODE_DAMPING * float(gram.max()), 1e-12)
+        projection = np.linalg.solve(gram, modes.T).T.astype(np.float32)
+        sticking = self.kernels.sticking_shear_of_cells(row, col)
+        return np.concatenate([shear[:, row, col] @ projection for shear in sticking], axis=1)
+
+    @cached_property
     def jacobian(self) -> Float32[Array, "unknowns cells"]:
         """J: the derivative of the observed signal by each unknown, over the signal's standard deviation."""
         count, modes = self.carried_shear.shape
@@ -245,6 +263,7 @@ class LinearisedBrightnessProblem:
             for total, each in zip(sheared, shear, strict=True):
                 total += self.carried_shear[batch].T @ each.reshape(len(each), -1)
         jacobian[count:] = self._signal_of_heights(sheared.reshape(2 * modes, *self.kernels.skin_shape))
+        jacobian[:count] += self.sticking_weights @ jacobian[count:]
         return jacobian
 
     @cached_property
@@ -276,8 +295,10 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         modes = self.carried_shear.shape[1]
         tractions = np.zeros((3, *self.region.shape), np.float32)
-        tractions[0, row, col] = unknowns[: len(row)]
-        tractions[1:, row, col] = unknowns[len(row) :].reshape(2, modes) @ self.carried_shear.T
+        pressure, weights = unknowns[: len(row)], unknowns[len(row) :]
+        tractions[0, row, col] = pressure
+        weights = weights + pressure @ self.sticking_weights
+        tractions[1:, row, col] = weights.reshape(2, modes) @ self.carried_shear.T
         return tractions
 
     def newton_decrement(self, solution: QPSolution, residual: View) -> float:
