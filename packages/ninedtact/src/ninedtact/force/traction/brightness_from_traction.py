@@ -163,7 +163,7 @@ class InfluenceKernels:
         return [windows[at] for windows in self._height_windows]
 
     def sticking_shear_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n rows cols"]]:
-        """Return the shear along x and along y on the view that keeps the skin under unit pressure on each of these cells in place."""
+        """Return the shear along x and y on the view that keeps the skin under unit pressure on each of these cells in place."""
         at = influence_window_indices(self.forward.cells, row, col)
         return [windows[at] for windows in self._sticking_windows]
 

@@ -14,7 +14,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
@@ -48,8 +48,11 @@ NO_CONTACT_STD = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 """Standard deviation of the wrench where no contact is detected; half of all contacts of 0.05 N are detected
 (docs/force_physics.md)."""
 
-_MODELLED_THINNING = 0.5
+_MODELLED_THINNING = 0.9
 """Thinning over the gel's thickness up to which the model of the gel holds (docs/force_physics.md)."""
+_LARGEST_PRESSURE = 9.0
+"""Pressure over the shear modulus up to which presses on a sensor's own twin are estimated well (`benchmarks/own_twin_presses`):
+more of it, which wide contacts have, changes the gel's thickness too little."""
 
 
 @dataclass
@@ -130,17 +133,19 @@ class TractionForce(ForceEstimator):
         """Return the reasons for which the result may be wrong."""
         pressure = result.tractions[0]
         reasons = {
-            EstimateWarning.OUT_OF_RANGE: bool((self._too_deep(observation, result) & (pressure > 0)).any()),
+            EstimateWarning.OUT_OF_RANGE: self._is_out_of_range(observation, result),
             EstimateWarning.PART_UNSEEN: pressure_reaches_unseen(pressure, observation.in_view),
             EstimateWarning.NOT_CONVERGED: result.newton_decrement > self.solver.max_trusted_decrement,
         }
         return [warning for warning, holds in reasons.items() if holds]
 
-    def _too_deep(self, observation: ObservationOnCells, result: InversionResult) -> Bool[Array, "rows cols"]:
-        """Return where the gel is thinner than the depth curve knows, or than the model of the gel holds."""
-        rows, cols = observation.z_mm.shape
+    def _is_out_of_range(self, observation: ObservationOnCells, result: InversionResult) -> bool:
+        """Return whether, anywhere in the contact, the gel is thinner than the depth curve knows, or thinner or under more pressure
+        than the model of the gel holds."""
+        pressure, rows, cols = result.tractions[0], *observation.z_mm.shape
         thinning_mm = -result.skin.thickness_change_mm[:rows, :cols]
-        return (observation.beyond > 0.5) | (thinning_mm > _MODELLED_THINNING * self.gel.thickness_mm)
+        too_deep = (observation.beyond > 0.5) | (thinning_mm > _MODELLED_THINNING * self.gel.thickness_mm)
+        return bool((too_deep & (pressure > 0)).any() or pressure.max() > _LARGEST_PRESSURE)
 
     def _inversion_for(self, height: HeightMap) -> TractionInversion:
         """Return the inversion for images of this size, built at the first of them."""
