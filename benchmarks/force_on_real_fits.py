@@ -26,7 +26,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CalibrationError
-from ninedtact.force.estimator_loading import build_estimator
+from ninedtact.force.estimator_loading import PHYSICS, build_estimator
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
@@ -46,7 +46,6 @@ from ninedtact_train.population.sensor_population import SampledSensor
 
 Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "yielding_base", "linear"]
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
-ESTIMATORS = ("physics", "corrected")
 LOADS_N = 0.3, 12.0
 BELOW_SKIN_MM = (0.0, 0.0, -35.0)
 REFERENCES = 10
@@ -121,13 +120,8 @@ def force_on_real_fits(
     for one in setups:
         for warning in load_sensor(one.folder).record.certificate.warnings:
             print(f"{one.member.name}: {warning}")
-    jobs = [(one, spec, perfect_calibration) for one in setups for spec in ESTIMATORS]
-    results = {
-        (jobs[number][0].member.name, jobs[number][1]): found for number, found in run_jobs(judge, jobs, workers)
-    }
-    names = [one.member.name for one in setups]
-    for spec in ESTIMATORS:
-        show(spec, {name: results[name, spec] for name in names})
+    results = dict(run_jobs(judge, [(one, perfect_calibration) for one in setups], workers))
+    show({one.member.name: results[number] for number, one in enumerate(setups)})
     if wrong == "nothing" and not perfect_calibration:
         show_images_without_press(setups, untouched=2 if quick else 50)
 
@@ -222,13 +216,13 @@ def darkening_at(indentation_mm: tuple[float, ...], light: BrightnessModel) -> t
     return tuple(np.abs(light.brightness_change(-np.array(indentation_mm))).tolist())
 
 
-def judge(setup: Setup, spec: str, perfect_calibration: bool = False) -> Judged:
+def judge(setup: Setup, perfect_calibration: bool = False) -> Judged:
     """Estimate every image alone."""
     sensor, member = load_sensor(setup.folder), setup.member
     shape, gel = sensor.shape, replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa)
     if perfect_calibration:
         shape, gel = perfectly_calibrated_shape(shape, member.light), member.gel
-    estimator = build_estimator(spec, shape, gel)
+    estimator = build_estimator(PHYSICS, shape, gel)
     references, wrenches, images, objects = setup.stored()
     depth_reader = shape.depth_reader(*map(Frame, references))
     read, std, warned, ms = [], [], [], []
@@ -254,11 +248,10 @@ def reading_of(image: np.ndarray, shape: CalibratedShape, depth_reader: DepthRea
     return Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
 
 
-def show(spec: str, found: dict[str, Judged]) -> None:
+def show(found: dict[str, Judged]) -> None:
     """Print skill, slope and coverage of every sensor, and the mean and the worst."""
     print(
-        f"\n{spec}: skill about the skin's centre | of Tx, Ty 35 mm below | slope of the line fitted to Fz | truth within 1σ, 2σ | "
-        "warned | ms"
+        "\nskill about the skin's centre | of Tx, Ty 35 mm below | slope of the line fitted to Fz | within 1σ, 2σ | warned | ms"
     )
     rows = {name: numbers(one) for name, one in found.items()}
     for name, row in rows.items():
@@ -266,7 +259,7 @@ def show(spec: str, found: dict[str, Judged]) -> None:
     table = np.array(list(rows.values()))
     print(f"  {'mean':6s}" + line(table.mean(axis=0)))
     print(f"  {'worst':6s}" + line(table.min(axis=0)))
-    print(f"{spec}: truth within 1σ and within 2σ, {' '.join(AXES)}")
+    print(f"truth within 1σ and within 2σ, {' '.join(AXES)}")
     for name, one in found.items():
         off = np.abs(one.predictions.error) / one.predictions.std
         shares = ("  ".join(f"{share:.2f}" for share in (off < limit).mean(axis=0)) for limit in (1, 2))
@@ -298,7 +291,7 @@ def show_images_without_press(setups: list[Setup], untouched: int) -> None:
     presses = {setup.member.name: setup.stored() for setup in setups}
     for setup in setups:
         sensor, member = load_sensor(setup.folder), setup.member
-        estimator = build_estimator(ESTIMATORS[0], sensor.shape, sensor.gel)
+        estimator = build_estimator(PHYSICS, sensor.shape, sensor.gel)
         references, _, own, _ = presses[member.name]
         depth_reader = sensor.shape.depth_reader(*map(Frame, references))
         kinds = {

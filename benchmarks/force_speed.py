@@ -1,11 +1,8 @@
-"""Reading → wrench by physics (the default) and by physics corrected, and raw image → shape and wrench, on one thread.
+"""Reading → wrench by physics, and raw image → shape and wrench, on one thread.
 
 A ball is held, as in a stream: physics starts from the last image. What must be reached is held against the thread's own times
 (median), which other programs on the machine do not change; the least wall times stand beside them.
 """
-
-from functools import partial
-from pathlib import Path
 
 import tyro
 from figures import Figure, answer, at_most
@@ -14,18 +11,16 @@ from turns import Tasks, Times, in_turns
 
 from ninedtact import Frame
 from ninedtact.design import Gel
-from ninedtact.force.corrected_force import NetworkCorrectedForce
-from ninedtact.force.estimator_loading import CORRECTED, build_estimator
+from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.reading import Reading
 
-PHYSICS, CORRECTED_WRENCH = "reading → wrench by physics", "reading → corrected wrench"
-ALL, ALL_CORRECTED = "frame → shape and wrench by physics", "frame → shape and corrected wrench"
+PHYSICS, ALL = "reading → wrench by physics", "frame → shape and wrench by physics"
 REQUIRED_MS = {PHYSICS: 4.0, ALL: 8.0}
 
 
-def force_speed(model: Path | None = None, rounds: int = 60, quick: bool = False, json: bool = False) -> None:
-    """Measure, and print what it must reach. model: a model in place of the shipped one."""
-    times = in_turns({"held ball": partial(tasks, str(model or CORRECTED))}, rounds, quick)
+def force_speed(rounds: int = 60, quick: bool = False, json: bool = False) -> None:
+    """Measure, and print what it must reach."""
+    times = in_turns({"held ball": tasks}, rounds, quick)
     answer("Speed of the force estimate, one thread", [figure(*name, found) for name, found in times.items()], json)
 
 
@@ -36,30 +31,21 @@ def figure(reading: str, task: str, found: Times) -> Figure:
     return Figure(what, found.median_cpu_ms, peer=f"least wall {found.least_ms:.2f}")
 
 
-def tasks(spec: str) -> Tasks:
+def tasks() -> Tasks:
     """Return what is timed, on the real sensor A."""
     images, shape = real_sensor("sensor_a")
     depth, frame = shape.depth_reader(Frame(images["ball_reference"])), Frame(images["ball"])
-    corrected, physics = build_estimator(spec, shape, Gel()), build_estimator("physics", shape, Gel())
-    assert isinstance(corrected, NetworkCorrectedForce)
+    physics = build_estimator("physics", shape, Gel())
 
     def read() -> Reading:
         rectified = shape.rectify(frame)
         return Reading(frame, rectified, depth(rectified), reference=depth.reference)
 
     held = read()
-    traction = physics.estimate(held).traction
-    assert traction is not None
-    mpa = corrected.physics.gel.shear_modulus_mpa
-    inputs = corrected.input.of_physics(held.height, traction, mpa)
     return {
         PHYSICS: lambda _: physics.estimate(held),
-        CORRECTED_WRENCH: lambda _: corrected.estimate(held),
-        "of it: input": lambda _: corrected.input.of_physics(held.height, traction, mpa),
-        "of it: network": lambda _: corrected.model(inputs[None]),
         "frame → shape": lambda _: read(),
         ALL: lambda _: physics.estimate(read()),
-        ALL_CORRECTED: lambda _: corrected.estimate(read()),
     }
 
 

@@ -23,9 +23,7 @@ from ninedtact import (
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument(
-    "--force", choices=("physics", "corrected"), default="physics", help="physics alone, or corrected by a network"
-)
+parser.add_argument("--force", default="physics", help="physics, or a force model (.onnx)")
 parser.add_argument("--sensor", type=Path, default=Path(tempfile.gettempdir()) / "ninedtact_examples" / "twin")
 parser.add_argument("--object", default="ball:4")
 options = parser.parse_args()

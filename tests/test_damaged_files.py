@@ -29,6 +29,7 @@ import pytest
 import trimesh
 from hypothesis import HealthCheck, Phase, given, note, settings
 from hypothesis import strategies as st
+from linear_model import a_card, linear_model
 
 import ninedtact
 from damage import PLACES, Run, damaged_array, damaged_bytes, damaged_text, put, restore, run_forked
@@ -46,7 +47,6 @@ from ninedtact.force.onnx_model import (
     CHECKSUM_METADATA_KEY,
     CHECKSUM_PLACEHOLDER,
     METADATA_KEY,
-    SHIPPED_MODEL,
     stamp_checksum,
 )
 from ninedtact.recording.metadata import RecordingMetadata
@@ -184,10 +184,10 @@ def card_of(model: bytes) -> bytes:
 
 
 def with_card(card: bytes | None) -> bytes:
-    """Return the shipped force model with a checksum, and with another card under the same checksum if one is given."""
+    """Return a force model with a checksum, and with another card under the same checksum if one is given."""
     import onnx
 
-    graph = onnx.load(str(SHIPPED_MODEL))
+    graph = linear_model(a_card())
     graph.metadata_props.add(key=CHECKSUM_METADATA_KEY, value=CHECKSUM_PLACEHOLDER)
     stamped = stamp_checksum(graph.SerializeToString())
     if card is None:

@@ -197,7 +197,7 @@ def test_whoever_knows_better_about_units_may_go_on(tmp_path: Path, capsys) -> N
     ("options", "named"),
     [
         (
-            ["--predictions", "some.csv", "--force", "corrected", "--every", "3"],
+            ["--predictions", "some.csv", "--force", "model.onnx", "--every", "3"],
             "--predictions, got --force and --every",
         ),
         (["--data", "pairs", "--distribution", "laplace"], "--data, got --distribution"),

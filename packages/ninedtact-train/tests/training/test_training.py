@@ -12,7 +12,6 @@ import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
 from ninedtact.errors import DatasetError, FileFormatError, ForceEstimationError, InputError, OutputError
-from ninedtact.force.network_input import InputChannels
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact_train.dataset.folder import begin_or_resume_folder, interrupt_as_stopped
 from ninedtact_train.dataset.split import SplitRows
@@ -100,28 +99,6 @@ def test_an_evaluation_is_added_to_the_card_and_the_graph_stays(trained: Trainin
     again, shown = read_force_model(copy), np.zeros((1, *toy_settings().input.shape), np.float32)
     assert again.card.evaluation == {"test": {"skill": [0.9]}}
     np.testing.assert_array_equal(again(shown).wrench, trained.model(shown).wrench)
-
-
-def test_a_network_that_corrects_physics_learns_what_physics_lacks(tmp_path: Path) -> None:
-    heights = of_heights()
-    pressure = np.maximum(-np.asarray(heights.images, np.float32), 0)
-    examples = replace(
-        heights,
-        physics=(0.8 * heights.wrench).astype(np.float32),
-        tractions=np.stack([pressure, 0 * pressure, 0 * pressure], 1).astype(np.float16),
-    )
-    np.testing.assert_allclose(examples.labels, 0.2 * heights.wrench, atol=1e-6)
-    usual = toy_settings()
-    settings = replace(usual, input=replace(usual.input, channels=InputChannels.PHYSICS), epochs=2)
-    learner = ForceTraining(settings, fit_label_scaling(examples.labels[ROWS.train], settings))
-    history = run(learner, tmp_path, examples)
-    trained = TrainedNetwork(learner.model.eval(), examples, ROWS, settings)
-    evaluation = trained.evaluate_held_out()
-    assert (evaluation.scores.skill[:3] > 0.6).all()
-    card = trained.build_card(evaluation, history, "corrector", "MIT")
-    assert (np.array(card.wrench_min) < 0.9 * heights.wrench[ROWS.train].min(0) + 1e-9).all()
-    with pytest.raises(ForceEstimationError, match="without the tractions and wrenches of physics"):
-        train_network(heights, ROWS, settings, tmp_path / "other", machine=CPU)
 
 
 def weights_of(learner: ForceTraining) -> dict[str, torch.Tensor]:

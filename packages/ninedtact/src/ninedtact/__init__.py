@@ -1,7 +1,7 @@
 """The software of the 9DTact tactile sensor: camera images in, shape in mm and force in N out.
 
     shape    light ──capture──▶ Frame ──rectify──▶ Rectified ──depth──▶ HeightMap ──cloud──▶ PointCloud / mesh
-    force    Reading ──estimator──▶ WrenchEstimate      by physics, by a network, or by both
+    force    Reading ──estimator──▶ WrenchEstimate      by physics or by a network
     fit      board image ──▶ Rectification      ball image ──▶ DepthCurve and the sensor's twin
     press    object ──contact mechanics──▶ Contact ──light──▶ Frame, Wrench      (the twin: SimulatedCamera)
 

@@ -44,7 +44,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
         sensor's twin pressed by several objects in turn, or any `FrameSource`. Cameras and streams serve their newest frame;
         files, recordings and the twin serve every frame.
     force
-        "physics", "corrected", the path of a force model (.onnx) or of the original project's weights (.pt), or "none".
+        "physics", the path of a force model (.onnx) or of the original project's weights (.pt), or "none".
     reference
         One or more reference images (no contact) of this session, averaged. Without any, opening the sensor takes the first
         frames, and nothing may touch the gel then.

@@ -8,13 +8,11 @@ import pytest
 from linear_model import SMALL, a_card, linear_model, written
 from onnx import helper
 
-from ninedtact.force import onnx_model
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.onnx_model import (
     CHECKSUM_METADATA_KEY,
     CHECKSUM_PLACEHOLDER,
     METADATA_KEY,
-    SHIPPED_MODEL,
     ForceModelUnusable,
     ModelCard,
     parse_force_model,
@@ -75,22 +73,15 @@ def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_card_says_that_pairs_are_simulated_only_where_they_are() -> None:
-    shipped = read_force_model(SHIPPED_MODEL).card
-    assert "All pairs are simulated" in format_model_card(shipped)
-    own = format_model_card(msgspec.structs.replace(shipped, evaluation={"validation": shipped.evaluation["all"]}))
+    own = format_model_card(a_card())
+    validated = msgspec.structs.replace(a_card(), evaluation={**a_card().evaluation, "all": {"pairs": 2}})
+    assert "All pairs are simulated" in format_model_card(validated)
     assert "simulated" not in own and "Evaluated on its held-out pairs alone" in own
 
 
 def test_a_network_with_weights_that_are_no_numbers_is_refused() -> None:
     per_input = np.full((48, 6), np.nan)
     assert "not a number" in told(linear_model(a_card(), per_input).SerializeToString())
-
-
-def test_a_shipped_model_with_other_content_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    other = written(tmp_path / "shipped.onnx", linear_model(a_card()))
-    monkeypatch.setattr(onnx_model, "SHIPPED_MODEL", other)
-    with pytest.raises(ForceModelUnusable, match="install ninedtact again"):
-        read_force_model(other)
 
 
 def test_an_edited_model_runs_with_a_notice() -> None:
@@ -100,7 +91,7 @@ def test_an_edited_model_runs_with_a_notice() -> None:
     )  # without a checksum
     model.metadata_props.add(key=CHECKSUM_METADATA_KEY, value=CHECKSUM_PLACEHOLDER)
     content = stamp_checksum(model.SerializeToString())
-    assert parse_force_model(content, "own.onnx").notices == () == read_force_model(SHIPPED_MODEL).notices
+    assert parse_force_model(content, "own.onnx").notices == ()
     edited = content.replace(b'"modulus_mpa":0.093', b'"modulus_mpa":0.083')
     assert edited != content and "other.onnx was edited" in parse_force_model(edited, "other.onnx").notices[0]
 

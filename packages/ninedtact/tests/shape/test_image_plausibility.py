@@ -63,16 +63,15 @@ def test_an_image_that_is_no_press_is_named(name: str, twin_sensor: SensorFolder
         require_plausible(twin_sensor, reference, spoil(reference))
 
 
-@pytest.mark.parametrize("spec", ["physics", "corrected"])
 @pytest.mark.parametrize("name", ["black", "uniform"])
 def test_an_estimator_by_itself_knows_nothing_of_an_image_that_is_no_press(
-    spec: str, name: str, sensor_a: SensorFolder, real_data: Path
+    name: str, sensor_a: SensorFolder, real_data: Path
 ) -> None:
     image = read_image(real_data / "sensor_a" / "ball_reference.png")
     depth_reader, frame = sensor_a.shape.depth_reader(Frame(image)), Frame(WRONG[name][0](image))
     rectified = sensor_a.shape.rectify(frame)
     reading = Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
-    found = build_estimator(spec, sensor_a.shape, sensor_a.gel).estimate(reading)
+    found = build_estimator("physics", sensor_a.shape, sensor_a.gel).estimate(reading)
     assert not found.wrench.six.any() and not np.isfinite(found.std).any() and found.warnings == (WRONG[name][1],)
 
 

@@ -59,7 +59,7 @@ class WrenchSensor:
     source: str = "0"
     """Camera ("0", "usb:1-2"), stream, recording, or "sim" for the sensor's twin."""
     force: str = "physics"
-    """Estimator: physics, corrected, or a force model (.onnx)."""
+    """Estimator: physics, or a force model (.onnx)."""
 
 
 @RobotConfig.register_subclass("ninedtact_wrench")

@@ -52,9 +52,8 @@ class Train:
     """Data set that `ninedtact dataset build` or `ninedtact simulate dataset` made."""
     out: Path
     """Folder for the model, curves, logs and checkpoints: new, empty, or begun with the same options."""
-    preset: Literal["default", "corrector", "paper"] = "default"
-    """default: a small network on heights. corrector: the same, also on the tractions that physics finds, to correct its wrench.
-    paper: DenseNet-169 on whole images, as published. Other options change the preset."""
+    preset: Literal["default", "paper"] = "default"
+    """default: a small network on heights. paper: DenseNet-169 on whole images, as published. Other options change the preset."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name, for computing heights.
     By default the calibrations that the recordings of a data set carried are used, and simulated sensors are calibrated from their
@@ -164,18 +163,18 @@ DESCRIPTION = "Force models: print a model card, or make a model from simulation
 class _ShowModelCard:
     """Print the card of a force model: its training, its scores and its limits."""
 
-    model: Path | None = None
-    """A force model (.onnx). By default the shipped one."""
+    model: Path
+    """A force model (.onnx)."""
     json: JsonOption = False
 
     def run(self) -> int:
         """Read and print the card; raises `ModelUnusable`."""
         import msgspec
 
-        from ninedtact.force.onnx_model import SHIPPED_MODEL, read_force_model
+        from ninedtact.force.onnx_model import read_force_model
         from ninedtact_train.evaluation.model_card_markdown import format_model_card
 
-        card = read_force_model(self.model or SHIPPED_MODEL).card
+        card = read_force_model(self.model).card
         return print_result(self.json, msgspec.to_builtins(card), [format_model_card(card)])
 
 

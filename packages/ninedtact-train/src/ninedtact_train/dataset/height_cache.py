@@ -1,18 +1,16 @@
-"""The skin's heights in the images of a data set on a network's grid, and what physics finds in them, computed once with the
-calibration of each sensor.
+"""The skin's heights in the images of a data set on a network's grid, computed once with the calibration of each sensor.
 
-    cache/heights-<digest>/train-00000-of-00040.npz …      float16, one file for each Parquet file
+    cache/heights-<digest>/train-00000-of-00040.npy …      float16, one file for each Parquet file
 
 The digest is that of the data, the grid, the calibrations and the version of ninedtact. Every file appears whole or not at all,
 so that a computation that was stopped continues.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import blake2b
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float16, Float32, Shaped
@@ -21,12 +19,8 @@ from numpy import ndarray as Array
 from ninedtact._version import __version__
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
-from ninedtact.design import Gel
-from ninedtact.force.network_input import tractions_over_shear_modulus
-from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import NO_OBJECT
-from ninedtact.reading import Reading
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 from ninedtact_train.dataset.calibrated_readings import (
     READ_COLUMNS,
@@ -52,14 +46,6 @@ class HeightWrenchPairs:
     """Wrenches, N and N·m about the skin's centre."""
     objects: Shaped[Array, " n"]
     sensors: Shaped[Array, " n"]
-    tractions: Float16[Array, "n 3 rows cols"] | None = None
-    """Pressure and shear over the shear modulus that physics finds; None where only heights were asked for."""
-    physics: Float32[Array, "n 6"] | None = None
-    """The wrench by physics for a gel of the design's shear modulus, N and N·m; zero where it finds no contact."""
-
-    def select(self, chosen: Shaped[Array, " n"]) -> "HeightWrenchPairs":
-        """Return the chosen pairs."""
-        return replace(self, **{name: part[chosen] for name, part in vars(self).items() if part is not None})
 
 
 def load_height_pairs(
@@ -69,14 +55,12 @@ def load_height_pairs(
     cache: Path | None = None,
     workers: int = 1,
     *,
-    with_physics: bool = False,
     left_out: Collection[str] = (),
     progress: bool = False,
 ) -> HeightWrenchPairs:
     """Return all height grids of a data set without those of the sensors that are left out; missing ones are computed now.
 
-    with_physics: whether to compute tractions and wrenches by physics too. Raises `FileFormatError`, `CalibrationError`,
-    `FileNotWritten`, `ForceEstimationError`.
+    Raises `FileFormatError`, `CalibrationError`, `FileNotWritten`.
     """
     table = read_pair_columns(folder)
     names = read_name_column(table, "sensor")
@@ -84,52 +68,16 @@ def load_height_pairs(
     require_calibrations(set(names[kept].tolist()), sensors)
     files = find_pair_files(folder)
     cache = folder / "cache" if cache is None else cache
-    kind = "physics" if with_physics else "heights"
-    target = cache / f"{kind}-{_digest_inputs(files, cache, sensors, grid)}"
+    target = cache / f"heights-{_digest_inputs(files, cache, sensors, grid)}"
     make_cache_folder(target)
-    cached = _CachedFields(grid, with_physics)
-    _compute_missing_files(files, target, cached, sensors, workers, progress)
-    if None in (stored := [_read_fields(_cache_file(target, file), cached) for file in files]):
-        _compute_missing_files(files, target, cached, sensors, workers, progress)
-        stored = [_read_fields(_cache_file(target, file), cached) for file in files]
-    whole = [one for one in stored if one is not None]
-    fields = {name: np.concatenate([one[name] for one in whole]) for name in whole[0]}
+    _compute_missing_files(files, target, grid, sensors, workers, progress)
+    stored = [_read_heights(_cache_file(target, file), grid) for file in files]
+    if any(one is None for one in stored):
+        _compute_missing_files(files, target, grid, sensors, workers, progress)
+        stored = [_read_heights(_cache_file(target, file), grid) for file in files]
+    z_mm = np.concatenate([one for one in stored if one is not None])
     ids, objects = read_name_column(table, "id"), read_name_column(table, "object", NO_OBJECT)
-    return HeightWrenchPairs(ids, wrenches=wrench_array(table), objects=objects, sensors=names, **fields).select(kept)
-
-
-@dataclass(frozen=True)
-class _CachedFields:
-    """What is computed of every image."""
-
-    grid: SkinGrid
-    with_physics: bool
-
-    def __call__(self, reading: Reading, physics: TractionForce | None) -> dict[str, Array]:
-        """Return the fields of `HeightWrenchPairs` of one image."""
-        z_mm = orthorectified_heights(reading.height, self.grid).astype(np.float16)
-        if physics is None:
-            return {"z_mm": z_mm}
-        physics.forget()
-        estimate = physics.estimate(reading)
-        tractions = np.zeros((3, *z_mm.shape), np.float16)
-        if estimate.traction is not None:
-            tractions[:] = tractions_over_shear_modulus(estimate.traction, physics.gel.shear_modulus_mpa, self.grid)
-        return {"z_mm": z_mm, "tractions": tractions, "physics": estimate.wrench.six.astype(np.float32)}
-
-    def empty(self) -> dict[str, Array]:
-        """Return the fields of an image whose sensor is left out: zeros."""
-        z_mm = np.zeros((self.grid.rows, self.grid.cols), np.float16)
-        if not self.with_physics:
-            return {"z_mm": z_mm}
-        return {"z_mm": z_mm, "tractions": np.stack([z_mm] * 3), "physics": np.zeros(6, np.float32)}
-
-    def physics_of(self, sensor: DatasetSensorCalibration) -> TractionForce | None:
-        """Return the estimator by physics of a sensor whose gel has the design's shear modulus, where it is needed."""
-        if not self.with_physics:
-            return None
-        gel = replace(sensor.gel, shear_modulus_mpa=Gel().shear_modulus_mpa)
-        return build_traction_force(sensor.shape, gel)
+    return HeightWrenchPairs(ids[kept], z_mm[kept], wrench_array(table)[kept], objects[kept], names[kept])
 
 
 def _digest_inputs(
@@ -142,18 +90,16 @@ def _digest_inputs(
 
 
 def _cache_file(folder: Path, pair_file: Path) -> Path:
-    return folder / f"{pair_file.stem}.npz"
+    return folder / f"{pair_file.stem}.npy"
 
 
-def _read_fields(file: Path, fields: _CachedFields) -> dict[str, Array] | None:
-    """Return the arrays of one file of the cache; remove a file that is damaged, and return None."""
+def _read_heights(file: Path, grid: SkinGrid) -> Float16[Array, "n rows cols"] | None:
+    """Return the heights in one file of the cache; remove a file that is damaged, and return None."""
     try:
-        with np.load(file) as stored:
-            found = {name: stored[name] for name in stored.files}
+        found = np.load(file)
     except NPY_READ_ERRORS:
-        found = {}
-    expected = {name: (part.dtype, part.shape) for name, part in fields.empty().items()}
-    if {name: (part.dtype, part.shape[1:]) for name, part in found.items()} == expected:
+        found = None
+    if isinstance(found, Array) and found.dtype == np.float16 and found.shape[1:] == (grid.rows, grid.cols):
         return found
     file.unlink(missing_ok=True)
     return None
@@ -162,7 +108,7 @@ def _read_fields(file: Path, fields: _CachedFields) -> dict[str, Array] | None:
 def _compute_missing_files(
     files: Sequence[Path],
     target: Path,
-    fields: _CachedFields,
+    grid: SkinGrid,
     sensors: Mapping[str, DatasetSensorCalibration],
     workers: int,
     progress: bool,
@@ -170,7 +116,7 @@ def _compute_missing_files(
     from tqdm import tqdm
 
     missing = [file for file in files if not _cache_file(target, file).is_file()]
-    jobs = [(file, _cache_file(target, file), _select_sensors(file, sensors), fields) for file in missing]
+    jobs = [(file, _cache_file(target, file), _select_sensors(file, sensors), grid) for file in missing]
     with tqdm(total=len(files), initial=len(files) - len(missing), unit="file", disable=not progress) as bar:
         for _ in run_jobs(_compute_cache_file, jobs, workers):
             bar.update()
@@ -183,19 +129,19 @@ def _select_sensors(file: Path, sensors: Mapping[str, DatasetSensorCalibration])
 
 
 def _compute_cache_file(
-    file: Path, target: Path, sensors: Mapping[str, DatasetSensorCalibration], fields: _CachedFields
+    file: Path, target: Path, sensors: Mapping[str, DatasetSensorCalibration], grid: SkinGrid
 ) -> None:
-    """Write the fields of one Parquet file; they are zero for sensors that are not given.
+    """Write the heights of one Parquet file; they are zero for sensors that are not given.
 
-    Raises `FileFormatError`, `CalibrationError`, `FileNotWritten`, `ForceEstimationError`.
+    Raises `FileFormatError`, `CalibrationError`, `FileNotWritten`.
     """
     reader = RowReadingComputer(file, sensors, read_file_references(file))
-    physics = {name: fields.physics_of(sensor) for name, sensor in sensors.items()}
-    rows = []
+    heights = []
     for row in iterate_rows(file, READ_COLUMNS):
-        name = row["sensor"] or ""
-        rows.append(fields(reader.read(row), physics[name]) if name in sensors else fields.empty())
+        if (row["sensor"] or "") in sensors:
+            heights.append(orthorectified_heights(reader.read(row).height, grid))
+        else:
+            heights.append(np.zeros((grid.rows, grid.cols)))
     content = BytesIO()
-    fields_of_file: dict[str, Any] = {name: np.stack([one[name] for one in rows]) for name in rows[0]}
-    np.savez(content, **fields_of_file)
+    np.save(content, np.array(heights, np.float16))
     write_file_atomically(target, content.getvalue())

@@ -74,21 +74,12 @@ def transform_training_batch(batch: TrainingBatch, transform: GeometricTransform
     """Return the batch with images, references and wrenches transformed."""
     grid = _sampling_grid(transform, batch.images.shape, mm_per_px)
     references = None if batch.references is None else _resample(batch.references, grid)
-    tractions = None if batch.tractions is None else _transform_tractions(transform, batch.tractions, grid)
     return replace(
         batch,
         images=_resample(batch.images, grid),
         references=references,
-        tractions=tractions,
         wrench=_transform_wrench(transform, batch.wrench),
     )
-
-
-def _transform_tractions(transform: GeometricTransforms, tractions: Tensor, grid: Tensor) -> Tensor:
-    """Return transformed tractions (n, 3, rows, cols): pressure moves with its place, shear also turns as a force does."""
-    pressure, shear_x, shear_y = (_resample(field, grid) for field in tractions.unbind(1))
-    shear = torch.einsum("nij,njrc->nirc", transform.linear_part, torch.stack([shear_x, shear_y], 1))
-    return torch.cat([pressure[:, None], shear], 1)
 
 
 def _transform_wrench(transform: GeometricTransforms, wrench: Tensor) -> Tensor:

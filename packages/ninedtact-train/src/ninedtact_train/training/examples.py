@@ -42,10 +42,6 @@ class TrainingExamples:
     """Row in `references` of each image's reference."""
     sensor_features: Float32[Array, "n features"] | None = None
     """Features of each example's sensor (`SensorFeatures.row`); typical ones where None."""
-    tractions: Shaped[Array, "n 3 rows cols"] | None = None
-    """Pressure and shear over the shear modulus that physics found on the network's grid; None for networks without physics."""
-    physics: Float32[Array, "n 6"] | None = None
-    """The wrench by physics, N and N·m about the skin's centre, which the network corrects; None for networks without physics."""
 
     def __post_init__(self) -> None:
         n = len(self.images)
@@ -74,11 +70,6 @@ class TrainingExamples:
         """
         factor = (Gel().shear_modulus_mpa / modulus_mpa)[:, None]
         return replace(self, wrench=(self.wrench * factor).astype(np.float32))
-
-    @property
-    def labels(self) -> Float32[Array, "n 6"]:
-        """What the network learns, about the skin's centre: the wrench, or what physics lacks of it."""
-        return self.wrench if self.physics is None else self.wrench - self.physics
 
     def __len__(self) -> int:
         return len(self.images)
@@ -112,13 +103,11 @@ def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, sett
             got=f"{size[1]} x {size[0]}",
             remedy="read the data at that size",
         )
-    parts = (examples.references, examples.reference_of, examples.tractions, examples.physics)
-    of_images, of_physics = not settings.channels.of_heights, settings.channels.of_physics
-    if [part is not None for part in parts] != [of_images, of_images, of_physics, of_physics]:
-        given = "heights" if examples.references is None else "images with references"
+    are_heights = examples.references is None
+    if are_heights != settings.channels.of_heights or are_heights != (examples.reference_of is None):
         raise ForceEstimationError(
             expected=f"examples for the channels {settings.channels.value!r}",
-            got=f"{given} {'with' if examples.physics is not None else 'without'} the tractions and wrenches of physics",
+            got="heights" if are_heights else "images with references",
             remedy="give the other kind, or choose other channels",
         )
 
@@ -138,12 +127,10 @@ class TrainingBatch:
     images: Tensor
     """(n, rows, cols) heights in mm, or grey levels."""
     wrench: Tensor
-    """(n, 6) wrenches in N and N·m, or what physics lacks of them."""
+    """(n, 6) wrenches in N and N·m."""
     references: Tensor | None
     sensor_features: Tensor
     """(n, 5) features of each example's sensor."""
-    tractions: Tensor | None = None
-    """(n, 3, rows, cols) pressure and shear by physics over the shear modulus."""
 
     def to(self, device: torch.device, **options: Any) -> "TrainingBatch":
         """Return the batch on another device."""
@@ -164,7 +151,7 @@ class TrainingBatch:
     def network_input(self, channels: InputChannels) -> Tensor:
         """Return the network's input (n, channels, rows, cols)."""
         if self.references is None:
-            stacked: Tensor = stack_height_channels(self.images, self.sensor_features, channels, self.tractions)
+            stacked: Tensor = stack_height_channels(self.images, self.sensor_features, channels)
         else:
             stacked = stack_image_channels(self.images, self.references, channels)
         return stacked.contiguous(memory_format=torch.channels_last)
@@ -185,10 +172,9 @@ class BatchDataset(Dataset[TrainingBatch]):
         features = np.tile(TYPICAL_FEATURES.row, (len(rows), 1)) if features is None else features[rows]
         return TrainingBatch(
             _copy_to_tensor(examples.images[rows]),
-            _copy_to_tensor(examples.labels[rows]),
+            _copy_to_tensor(examples.wrench[rows]),
             references,
             _copy_to_tensor(features),
-            None if examples.tractions is None else _copy_to_tensor(examples.tractions[rows]),
         )
 
 

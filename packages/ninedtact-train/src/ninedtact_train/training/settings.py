@@ -1,10 +1,10 @@
-"""Settings of a force model's training, the presets `default`, `corrector` and `paper`, and the settings of the hardware.
+"""Settings of a force model's training, the presets `default` and `paper`, and the settings of the hardware.
 
 The resolved training settings are stored beside the model and in its card. This file loads no torch, so that the command line
 reads it quickly.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -137,12 +137,7 @@ PAPER_TRAINING = TrainingSettings(
     augmentation=NO_AUGMENTATION,
 )
 """Training as in the 9DTact paper, section V (docs/references.md)."""
-CORRECTOR_TRAINING = TrainingSettings(
-    input=NetworkInputSettings(InputChannels.PHYSICS),
-    augmentation=replace(Augmentation(), heights=replace(NO_AUGMENTATION.heights, features=0.05)),
-)
-"""Training of a network that corrects the wrench by physics. Heights and tractions belong together, so they are not perturbed."""
-TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "corrector": CORRECTOR_TRAINING, "paper": PAPER_TRAINING}
+TRAINING_PRESETS = {"default": DEFAULT_TRAINING, "paper": PAPER_TRAINING}
 
 
 @dataclass(frozen=True)

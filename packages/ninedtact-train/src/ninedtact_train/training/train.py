@@ -68,7 +68,7 @@ def train_network(
     require_trainable_examples(examples, rows, settings.input)
     begin_or_resume_folder(out, {**settings.to_json_dict(), "examples": _digest_examples(examples, rows), "name": name})
     fabric = launch_fabric(machine)
-    training = ForceTraining(settings, fit_label_scaling(examples.labels[rows.train], settings))
+    training = ForceTraining(settings, fit_label_scaling(examples.wrench[rows.train], settings))
     with interrupt_as_stopped(out):
         history = fit_network(fabric, training, examples, rows, out, machine.loader_workers, progress=progress)
     if not fabric.is_global_zero:
@@ -86,12 +86,12 @@ def train_network(
 def _digest_examples(examples: TrainingExamples, rows: SplitRows) -> dict[str, Any]:
     """Return the number of pairs and digests, by which a training is continued only with the same examples.
 
-    Of images, references and tractions, which may be large, at most `_MAX_DIGESTED_IMAGES` each are read.
+    Of images and references, which may be large, at most `_MAX_DIGESTED_IMAGES` each are read.
     """
     wrenches = (examples.wrench, rows.train, rows.test)
-    inputs = (examples.images, examples.references, examples.tractions)
+    inputs = (examples.images, examples.references)
     sampled = (part if part is None else part[:: -(-len(part) // _MAX_DIGESTED_IMAGES)] for part in inputs)
-    others = (*sampled, examples.reference_of, examples.sensor_features, examples.physics)
+    others = (*sampled, examples.reference_of, examples.sensor_features)
     return {"pairs": len(examples), "wrenches": _digest_arrays(wrenches), "inputs": _digest_arrays(others)}
 
 

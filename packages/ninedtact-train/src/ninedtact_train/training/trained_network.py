@@ -82,7 +82,7 @@ class TrainedNetwork:
         """Set the network's gain and power so that its intervals cover what they claim on the held-out pairs."""
         found, unit = self._predict(self.rows.test), self.network.unit.double().cpu().numpy()
         if np.isfinite(found.scale).all():
-            labels = move_torques_from_skin_centre(self.examples.labels[self.rows.test], self.settings.about_mm)
+            labels = move_torques_from_skin_centre(self.examples.wrench[self.rows.test], self.settings.about_mm)
             absolute_error = np.abs(found.wrench - labels) / unit
             corrections = fit_error_scale_correction(absolute_error, found.scale / unit)
             for parameter, values in zip((self.network.gain, self.network.power), corrections, strict=True):
@@ -94,13 +94,10 @@ class TrainedNetwork:
         found = move_prediction_to_skin_centre(self._predict(test), self.settings.about_mm)
         examples = self.examples
         truth = np.asarray(examples.wrench[test], np.float64)
-        known = 0.0 if examples.physics is None else np.asarray(examples.physics[test], np.float64)
         std = STD_PER_LAPLACE_SCALE * found.scale if np.isfinite(found.scale).all() else None
         objects, sensors = (np.asarray(names)[test].tolist() for names in (examples.objects, examples.sensors))
         return evaluate_predictions(
-            WrenchPredictions(
-                truth, found.wrench + known, std, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0)
-            )
+            WrenchPredictions(truth, found.wrench, std, ErrorDistribution.LAPLACE, objects, sensors, (0.0, 0.0, 0.0))
         )
 
     def build_card(self, evaluation: WrenchEvaluation, history: TrainingHistory, name: str, licence: str) -> ModelCard:

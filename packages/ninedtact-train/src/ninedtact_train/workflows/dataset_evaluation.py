@@ -40,7 +40,7 @@ _MECHANICS_LABELS = {
 """Descriptions of the mechanics of simulated sensors, as in the model card."""
 _KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor", "axes", "units")
 """Keys of an evaluation that are not stored in a card."""
-_PHYSICS_LABEL = ", physics without correction"
+_PHYSICS_LABEL = ", by physics"
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class DatasetEvaluationSettings:
     """The estimator that is evaluated, and how its sensors are calibrated."""
 
     force: str = PHYSICS
-    """Estimator: physics, corrected, a force model (.onnx) or the original project's weights (.pt)."""
+    """Estimator: physics, a force model (.onnx) or the original project's weights (.pt)."""
     sensors: Path | None = None
     """Folder with a sensor folder for each sensor of the data, by name.
     By default the sensors of a simulated data set are calibrated from their own simulated images."""
@@ -180,8 +180,8 @@ def _build_estimator(
 def evaluate_per_mechanics_kind(
     model: Path, data: Path, workers: int, progress: bool, notify: Callable[[str], None] = lambda _: None
 ) -> dict[str, dict[str, Any]]:
-    """Evaluate a model that corrects physics, beside physics, on a data set of simulated sensors for its card: one table for each
-    kind of mechanics, and one for all.
+    """Evaluate a model, and physics beside it, on a data set of simulated sensors for the model's card: one table for each kind
+    of mechanics, and one for all.
 
     Every sensor is calibrated from its own images and its force with five simulated loads.
     """

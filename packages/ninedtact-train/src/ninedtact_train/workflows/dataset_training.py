@@ -89,18 +89,13 @@ def _read_height_examples(
         known.by_name,
         grid.grid,
         workers=workers,
-        with_physics=grid.channels.of_physics,
         left_out=known.refused,
         progress=progress,
     )
-    if pairs.physics is not None:  # the network is asked only where physics finds a contact
-        pairs = pairs.select(pairs.physics[:, 2] != 0)
     features = {name: sensor_features_of(sensor.shape, sensor.gel).row for name, sensor in known.by_name.items()}
     names = pairs.objects.tolist(), pairs.sensors.tolist()
     each = np.array([features[name] for name in names[1]])
-    examples = TrainingExamples(
-        pairs.z_mm, pairs.wrenches, *names, sensor_features=each, tractions=pairs.tractions, physics=pairs.physics
-    )
+    examples = TrainingExamples(pairs.z_mm, pairs.wrenches, *names, sensor_features=each)
     return examples, pairs.ids.tolist()
 
 

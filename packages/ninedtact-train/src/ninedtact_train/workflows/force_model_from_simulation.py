@@ -21,7 +21,7 @@ from ninedtact_train.dataset.split import HeldOutSettings
 from ninedtact_train.evaluation.model_card_markdown import format_model_card
 from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.training.onnx_export import rewrite_card
-from ninedtact_train.training.settings import CORRECTOR_TRAINING, ComputeSettings
+from ninedtact_train.training.settings import DEFAULT_TRAINING, ComputeSettings
 from ninedtact_train.training.train import MODEL_FILE
 from ninedtact_train.workflows.dataset_calibrations import find_dataset_sensor_folders
 from ninedtact_train.workflows.dataset_evaluation import evaluate_per_mechanics_kind
@@ -141,7 +141,7 @@ def make_force_model(
     train_on_dataset(
         out / TRAINING_DATA_FOLDER,
         out / _TRAINING_FOLDER,
-        match_input_width_to_dataset(replace(CORRECTOR_TRAINING, epochs=recipe.epochs), out / TRAINING_DATA_FOLDER),
+        match_input_width_to_dataset(replace(DEFAULT_TRAINING, epochs=recipe.epochs), out / TRAINING_DATA_FOLDER),
         HeldOutSettings(recipe.held_out),
         workers=workers,
         name=name,

@@ -23,7 +23,7 @@ from ninedtact.force.estimator_and_scale import (
     ForceScale,
     write_force_scale,
 )
-from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS
+from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import DepthReader
@@ -192,7 +192,7 @@ class UnscaledForceReader:
             raise InputError(
                 expected="an estimator to calibrate",
                 got=f"--force {NONE}",
-                remedy=f"name {CORRECTED}, {PHYSICS} or a force model",
+                remedy=f"name {PHYSICS} or a force model",
             )
         self.estimator: ForceEstimator = folder.estimator(force, with_force_scale=False)
         self._shape, self._check = folder.shape, load_reference_image_checker(folder)

@@ -223,19 +223,18 @@ class SensorFolder:
 
         Where the folder has none, the spread of the gel's modulus is part of the stated errors.
 
-        spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of
-        the original project's weights (.pt). with_force_scale: without, forces are those before the calibration with known loads.
-        Raises `InputError`, `ForceModelUnusable`, `FileFormatError`, and
-        `ForceEstimationError` for a sensor that was imported or calibrated without scattering of light.
+        spec: `physics`, `none`, or the path of a force model (.onnx) or of the original project's weights (.pt). with_force_scale:
+        without, forces are those before the calibration with known loads. Raises `InputError`, `ForceModelUnusable`,
+        `FileFormatError`, and `ForceEstimationError` for a sensor that was imported or calibrated without scattering of light.
 
         >>> estimator = ninedtact.load_sensor("my_sensor").estimator("physics")
         >>> estimator.name
         'force by physics'
         """
         from ninedtact.force.estimator_and_scale import apply_sensor_force_scale
-        from ninedtact.force.estimator_loading import CORRECTED, NONE, PHYSICS, build_estimator
+        from ninedtact.force.estimator_loading import NONE, PHYSICS, build_estimator
 
-        if spec in (PHYSICS, CORRECTED) and self.shape.deblurring is None:
+        if spec == PHYSICS and self.shape.deblurring is None:
             from ninedtact.errors import ForceEstimationError
 
             raise ForceEstimationError(

@@ -16,7 +16,7 @@ EXTRAS = {
         ("viser", "websockets", "rosbags", "mcap", "trimesh"),
         "the live page: demo, live, play, calibrate --page",
     ),
-    "force": (("onnxruntime",), "force by a network: --force corrected or a model (.onnx)"),
+    "force": (("onnxruntime",), "force by a network: --force MODEL.onnx"),
     "recording": (("rosbags", "mcap"), "recordings: record, collect, info, export"),
     "force-torque": (("bota_driver", "pynetft", "serial"), "force/torque sensors: Bota, ATI and OnRobot, serial"),
     "datasets": (("ninedtact_train", "loky", "pyarrow"), "data sets: collect, dataset, simulate dataset, evaluate"),

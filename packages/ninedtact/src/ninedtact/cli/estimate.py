@@ -46,7 +46,7 @@ class Estimate:
     """Moment of a recording, in seconds after its first image, at which the reference is taken anew for the rest of it, because the
     zero has drifted. Nothing may touch the gel then."""
     force: str = PHYSICS
-    """physics (no training), corrected (experimental: physics, corrected by a network), or a force model (.onnx)."""
+    """physics (no training), or a force model (.onnx)."""
     about_mm: Point = (0.0, 0.0, 0.0)
     """Point that torques are about, in the sensor's frame: 0 0 -35 is the paper's force/torque sensor."""
     out: Path | None = None

@@ -32,7 +32,7 @@ class Adapt:
     press: tyro.conf.UseAppendAction[tuple[tuple[Path, float], ...]] = ()
     """An image and its load in grams, such as --press five.png 512. Give it once for every press."""
     force: str = "physics"
-    """Estimator that is calibrated: physics, corrected, or a force model (.onnx)."""
+    """Estimator that is calibrated: physics, or a force model (.onnx)."""
     source: str | None = None
     """The camera that the page shows first: a camera, a stream, a recording; or sim, the sensor's twin, whose gel is softer or
     stiffer than the calibration assumes."""

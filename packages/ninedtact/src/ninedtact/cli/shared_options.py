@@ -54,9 +54,7 @@ CameraDelayOption = Annotated[
         help="How long before its stamp an image shows the skin; saved: as `ninedtact camera-delay` kept it in the sensor folder.",
     ),
 ]
-ForceOption = Annotated[
-    str, arg(help="Estimator of force and torque: physics, corrected, a force model (.onnx), or none.")
-]
+ForceOption = Annotated[str, arg(help="Estimator of force and torque: physics, a force model (.onnx), or none.")]
 AutomaticOption = Annotated[
     bool,
     arg(

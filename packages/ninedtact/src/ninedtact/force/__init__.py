@@ -1,5 +1,4 @@
-"""Estimation of the wrench that an object applies to the skin, from one reading: by physics, by a network, or by physics
-that a network corrects.
+"""Estimation of the wrench that an object applies to the skin, from one reading: by physics or by a network.
 
     by physics     HeightMap ──gel compliance──▶ Traction ──▶ Wrench
     by learning    Rectified ──deformation──▶ Deformation ──network──▶ Wrench

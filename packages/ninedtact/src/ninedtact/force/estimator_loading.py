@@ -1,4 +1,4 @@
-"""Building of the force estimator that `--force` names: physics, physics with a network that corrects it, a force model, or none.
+"""Building of the force estimator that `--force` names: physics, a force model, or none.
 
 A name or a path, a calibration and a gel go in; a `ForceEstimator` comes out. `SensorFolder.estimator` adds the force scale of a
 sensor. The libraries that an estimator needs are imported when it is built.
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from ninedtact.force.estimator_and_scale import ForceEstimator
     from ninedtact.shape.calibrated_shape import CalibratedShape
 
-CORRECTED, PHYSICS, NONE = "corrected", "physics", "none"
+PHYSICS, NONE = "physics", "none"
 _MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
 
 
 def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
     """Return the estimator for this calibration and this gel, without the force scale of a sensor folder.
 
-    spec: `physics`, `corrected` (physics, corrected by the shipped model), `none`, or the path of a force model (.onnx) or of the
-    original project's weights (.pt). Raises `InputError`, `ForceModelUnusable`, `FileFormatError`, and
-    `ForceEstimationError` for a calibration that does not know how the gel scatters light.
+    spec: `physics`, `none`, or the path of a force model (.onnx) or of the original project's weights (.pt). Raises `InputError`,
+    `ForceModelUnusable`, `FileFormatError`, and `ForceEstimationError` for a calibration that does not know how the gel scatters
+    light.
     """
     if spec == NONE:
         from ninedtact.force.estimator_and_scale import NoForceEstimator
@@ -35,17 +35,17 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
         from ninedtact.force.traction.estimator import build_traction_force
 
         return build_traction_force(shape, gel)
-    if spec == CORRECTED:
-        from ninedtact.force.onnx_model import SHIPPED_MODEL
-
-        return _build_network_estimator(SHIPPED_MODEL, shape, gel)
     path = Path(spec).expanduser()
     if path.suffix.lower() == _MODEL_SUFFIX:
-        return _build_network_estimator(path, shape, gel)
+        from ninedtact.force.network_force import NetworkForce
+        from ninedtact.force.network_input import sensor_features_of
+        from ninedtact.force.onnx_model import read_force_model
+
+        return NetworkForce(read_force_model(path), gel, features=sensor_features_of(shape, gel))
     if path.suffix.lower() == _WEIGHTS_SUFFIX:
         return _read_original_weights(path)
     raise InputError(
-        expected=f"--force {CORRECTED}, {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "
+        expected=f"--force {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "
         f"(*{_WEIGHTS_SUFFIX})",
         got=f"'{path}'",
         remedy="name one of these",
@@ -54,7 +54,7 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
 
 def model_file_of_spec(spec: str) -> Path | None:
     """Return the path of the model file that an estimator's name is, None for the built-in estimators."""
-    return None if spec in (CORRECTED, PHYSICS, NONE) else Path(spec).expanduser()
+    return None if spec in (PHYSICS, NONE) else Path(spec).expanduser()
 
 
 def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
@@ -68,22 +68,6 @@ def without_contact_detection(estimator: "ForceEstimator") -> "ForceEstimator":
             remedy="drop --without-contact-detection, or give --force MODEL.onnx",
         )
     return replace(estimator, contact_test=lambda _: True)
-
-
-def _build_network_estimator(path: Path, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return the estimator of a force model: one that corrects physics, or one that estimates the wrench alone."""
-    from ninedtact.force.network_input import sensor_features_of
-    from ninedtact.force.onnx_model import read_force_model
-
-    model, features = read_force_model(path), sensor_features_of(shape, gel)
-    if model.card.input.channels.of_physics:
-        from ninedtact.force.corrected_force import NetworkCorrectedForce
-        from ninedtact.force.traction.estimator import build_traction_force
-
-        return NetworkCorrectedForce(build_traction_force(shape, gel), model, features)
-    from ninedtact.force.network_force import NetworkForce
-
-    return NetworkForce(model, gel, features=features)
 
 
 def _read_original_weights(path: Path) -> "ForceEstimator":

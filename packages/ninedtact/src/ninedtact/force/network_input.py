@@ -1,7 +1,6 @@
 """Construction of the input of force networks from a reading, and from stored training examples.
 
     heights              Reading.height ─▶ orthorectified heights ─▶ divided by the gel's thickness (─▶ features of the sensor)
-    physics              the same, and pressure and shear that physics found, divided by the shear modulus
     deformation, mixed   Reading.rectified, .reference ─▶ darker, brighter, reference
 
 Training stores heights in mm (`orthorectification.orthorectified_heights`) or grey images, augments them, and then calls the same
@@ -17,7 +16,6 @@ from enum import StrEnum
 from itertools import islice
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 from jaxtyping import Float32
 from msgspec import Meta
@@ -34,7 +32,7 @@ from ninedtact.force.brightness_channels import (
     stack_deformation_channels,
 )
 from ninedtact.mechanics.contact_arrays import array_namespace_of
-from ninedtact.quantities import HeightMap, Rectified, Traction, skin_grid_mm
+from ninedtact.quantities import HeightMap, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM
@@ -84,8 +82,6 @@ class InputChannels(StrEnum):
     HEIGHTS = "height / gel thickness"
     HEIGHTS_AND_GEL = "height / gel thickness, gel thickness / 2.5 mm"
     HEIGHTS_AND_SENSOR = "height / gel thickness, sensor features / typical values"
-    PHYSICS = "height / gel thickness, pressure and shear / shear modulus, sensor features / typical values"
-    """Input of a network that corrects the wrench by physics."""
     DEFORMATION = ChannelLayout.PLAIN.value
     MIXED = ChannelLayout.ORIGINAL.value
 
@@ -100,11 +96,6 @@ class InputChannels(StrEnum):
         return _FEATURE_CHANNELS.get(self, 0) > 1
 
     @property
-    def of_physics(self) -> bool:
-        """Whether they contain the tractions that physics found."""
-        return self is InputChannels.PHYSICS
-
-    @property
     def sensor_features(self) -> int:
         """Number of a sensor's features that are channels of their own, each constant over the image: the last channels."""
         return _FEATURE_CHANNELS.get(self, 0)
@@ -117,16 +108,14 @@ class InputChannels(StrEnum):
     @property
     def number(self) -> int:
         """The number of channels."""
-        return 1 + (_TRACTION_CHANNELS if self.of_physics else 0) + self.sensor_features if self.of_heights else 3
+        return 1 + self.sensor_features if self.of_heights else 3
 
 
 _FEATURE_CHANNELS = {
     InputChannels.HEIGHTS: 0,
     InputChannels.HEIGHTS_AND_GEL: 1,
     InputChannels.HEIGHTS_AND_SENSOR: len(TYPICAL_FEATURES.row),
-    InputChannels.PHYSICS: len(TYPICAL_FEATURES.row),
 }
-_TRACTION_CHANNELS = 3
 
 
 @dataclass(frozen=True)
@@ -180,13 +169,7 @@ class NetworkInputBuilder:
     _reader: DeformationBuilder | None = field(default=None, init=False, repr=False)
 
     def __call__(self, reading: Reading) -> Float32[Array, "channels rows cols"]:
-        """Return the input for one reading; raises `ForceEstimationError`, `InputError`."""
-        if self.settings.channels.of_physics:
-            raise ForceEstimationError(
-                expected="the tractions that physics found for a network that corrects them",
-                got="a reading alone",
-                remedy="load the model with load_sensor(FOLDER).estimator(MODEL)",
-            )
+        """Return the input for one reading; raises `InputError`."""
         if self.settings.channels.of_heights:
             return self.of_height(reading.height)
         return self.of_image(reading.rectified, reading.reference)
@@ -196,14 +179,6 @@ class NetworkInputBuilder:
         z_mm = orthorectified_heights(height, self.settings.grid)
         return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels))
 
-    def of_physics(
-        self, height: HeightMap, traction: Traction, modulus_mpa: float
-    ) -> Float32[Array, "channels rows cols"]:
-        """Return the input for a height map and the tractions that physics found in it for a gel of this shear modulus."""
-        grid = self.settings.grid
-        z_mm, relative = orthorectified_heights(height, grid), tractions_over_shear_modulus(traction, modulus_mpa, grid)
-        return np.asarray(stack_height_channels(z_mm, self.features.row, self.settings.channels, relative))
-
     def of_image(self, rectified: Rectified, reference: Rectified) -> Float32[Array, "channels rows cols"]:
         """Return the input for an image and its reference, resized whole to the network's size; raises `InputError`."""
         reader = self._reader
@@ -212,29 +187,14 @@ class NetworkInputBuilder:
         return deformation_network_input(reader(rectified), self.settings.channels.layout)
 
 
-def tractions_over_shear_modulus(
-    traction: Traction, modulus_mpa: float, grid: SkinGrid
-) -> Float32[Array, "3 rows cols"]:
-    """Return pressure and shear over the shear modulus at the places of a grid, zero beyond the cells of the traction."""
-    fields = np.stack([traction.pressure_mpa, *traction.shear_mpa]) / np.float32(modulus_mpa)
-    middle = np.array([(side - 1) / 2 for side in fields.shape[:0:-1]], np.float32)[:, None, None]
-    pixel = np.stack(skin_grid_mm((grid.rows, grid.cols), grid.mm_per_px)) / np.float32(traction.mm_per_px) + middle
-    found = [cv2.remap(field, pixel[0], pixel[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT) for field in fields]
-    return np.stack(found).astype(np.float32)
-
-
-def stack_height_channels(z_mm: Any, features: Any, channels: InputChannels, tractions: Any = None) -> Any:
-    """Stack heights (…, rows, cols), relative tractions (…, 3, rows, cols) where there are any, and features (…, 5), of NumPy or
-    torch, to (…, channels, rows, cols)."""
+def stack_height_channels(z_mm: Any, features: Any, channels: InputChannels) -> Any:
+    """Stack heights (…, rows, cols) and features (…, 5) of NumPy or torch to (…, channels, rows, cols)."""
     per_image = features[..., None, None]
     relative = z_mm / per_image[..., 0, :, :]
     constant = (
         per_image[..., at, :, :] / float(typical) + 0 * relative for at, typical in enumerate(TYPICAL_FEATURES.row)
     )
-    between = () if tractions is None else tuple(tractions[..., at, :, :] for at in range(_TRACTION_CHANNELS))
-    return array_namespace_of(relative).stack(
-        (relative, *between, *islice(constant, channels.sensor_features)), axis=-3
-    )
+    return array_namespace_of(relative).stack((relative, *islice(constant, channels.sensor_features)), axis=-3)
 
 
 def stack_image_channels(images: Any, references: Any, channels: InputChannels) -> Any:

@@ -3,8 +3,6 @@
 The graph takes `input` (n, channels, rows, cols) float32 and returns `wrench` (n, 6) in N and N·m. Networks that predict their own
 errors also return `scale` (n, 6), the scale of the wrench's Laplace distribution. The metadata key `ninedtact` holds the card
 (`ModelCard`) as JSON, and `ninedtact_checksum` the checksum of the whole file, computed with zeros in its own place.
-
-`SHIPPED_MODEL` is the model of the package; its card says on how much it was trained.
 """
 
 from dataclasses import dataclass
@@ -26,10 +24,6 @@ from ninedtact.force.out_of_distribution import StatisticRange
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
-
-
-SHIPPED_MODEL = Path(__file__).parent / "shipped.onnx"
-_SHIPPED_SHA256 = "e7b2b1abb854ac5c76231089acc0822ea7192bb31e0abc3bd3eac254c3530d9a"
 
 
 MODEL_FORMAT = 2
@@ -157,12 +151,6 @@ def read_force_model(path: Path | str) -> ForceModel:
         content = read_regular_file(path, _MOST_BYTES)
     except OSError as trouble:
         raise ForceModelUnusable(f"expected a force model, got: {trouble}; give the .onnx file of one") from trouble
-    if Path(path) == SHIPPED_MODEL and sha256(content).hexdigest() != _SHIPPED_SHA256:
-        raise ForceModelUnusable(
-            expected="the model that ships with this version",
-            got=f"other content in {path}",
-            remedy="install ninedtact again",
-        )
     return parse_force_model(content, str(path))
 
 
@@ -195,12 +183,12 @@ def stamp_checksum(content: bytes) -> bytes:
 
 
 def _has_own_checksum(session: "InferenceSession", content: bytes) -> bool:
-    """Return whether a file is as `stamp_checksum` returned it, or the model that ships with the package."""
+    """Return whether a file is as `stamp_checksum` returned it."""
     stated = session.get_modelmeta().custom_metadata_map.get(CHECKSUM_METADATA_KEY, "").encode()
-    if len(stated) == len(CHECKSUM_PLACEHOLDER) and content.count(stated) == 1:
-        blank = content.replace(stated, CHECKSUM_PLACEHOLDER.encode())
-        return sha256(blank).hexdigest().encode() == stated
-    return sha256(content).hexdigest() == _SHIPPED_SHA256
+    if len(stated) != len(CHECKSUM_PLACEHOLDER) or content.count(stated) != 1:
+        return False
+    blank = content.replace(stated, CHECKSUM_PLACEHOLDER.encode())
+    return sha256(blank).hexdigest().encode() == stated
 
 
 def build_onnx_session(content: bytes, name: str) -> "InferenceSession":

@@ -43,8 +43,6 @@ def out_of_distribution_statistics(inputs: Inputs, channels: InputChannels) -> d
     if channels.of_heights:
         first = channels.number - channels.sensor_features
         found |= {f"sensor_feature_{at - first + 1}": inputs[:, at, 0, 0] for at in range(first, channels.number)}
-        if channels.of_physics:
-            found["max_pressure"] = inputs[:, 1].max((1, 2))
     else:
         found["reference_brightness"] = inputs[:, 0 if channels is InputChannels.MIXED else 2].mean((1, 2))
     return {name: np.asarray(values, np.float64) for name, values in found.items()}
@@ -75,20 +73,12 @@ def is_out_of_distribution(
     inputs: Float32[Array, "channels rows cols"], channels: InputChannels, known: dict[str, StatisticRange]
 ) -> bool:
     """Return whether any statistic of one input lies outside its range in training and the margin of this range."""
-    return training_range_membership(inputs, channels, known) == 0
-
-
-def training_range_membership(
-    inputs: Float32[Array, "channels rows cols"], channels: InputChannels, known: dict[str, StatisticRange]
-) -> float:
-    """Return one where all statistics of an input lie in their ranges in training, falling to zero at the margin of a range."""
     found = out_of_distribution_statistics(inputs[None], channels).items()
-    return min((_membership(float(values[0]), known[name]) for name, values in found if name in known), default=1.0)
+    return any(_is_beyond(float(values[0]), known[name]) for name, values in found if name in known)
 
 
-def _membership(value: float, known: StatisticRange) -> float:
-    """Return the membership of one statistic; a narrow range counts as at least 5 % of its upper end."""
+def _is_beyond(value: float, known: StatisticRange) -> bool:
+    """Return whether a statistic lies beyond a range and its margin; a narrow range counts as at least 5 % of its upper end."""
     low, high = known
-    beyond = max(low - value, value - high, 0.0)
-    margin = MARGIN * max(high - low, abs(high) * 0.05)
-    return 1.0 if beyond == 0 else max(0.0, 1 - beyond / margin) if margin else 0.0
+    beyond = max(low - value, value - high)
+    return beyond > 0 and beyond >= MARGIN * max(high - low, abs(high) * 0.05)
