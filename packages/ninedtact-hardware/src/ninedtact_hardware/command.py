@@ -5,16 +5,14 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_result
 from ninedtact.cli.shared_options import ClusterOption, JsonOption, WorkersOption
-from ninedtact.errors import MissingLibraryError
+from ninedtact.required_libraries import require_libraries
 from ninedtact_hardware.design import DesignVariant
 from ninedtact_hardware.design_sweep import USUAL_SWEEP, DesignSweep
 
@@ -50,10 +48,7 @@ class DesignOptions:
 
 
 def _require_build123d() -> None:
-    if find_spec("build123d") is None:
-        raise MissingLibraryError(
-            expected="build123d, which models the parts", got="none", remedy=f"run {installation_command('hardware')}"
-        )
+    require_libraries("hardware", "build123d")
 
 
 @dataclass(frozen=True)
@@ -143,14 +138,11 @@ class ExploreDesignsCommand:
 
     sweep: Annotated[DesignSweep, tyro.conf.arg(name="")] = DesignSweep()
     design_options: Annotated[DesignOptions, tyro.conf.arg(name="")] = DesignOptions()
-    calibrated: bool = False
-    """Calibrate each twin by its board and ball, and report the errors of depth and of load for a press of another
-    ball. Takes half a minute for each design."""
     workers: WorkersOption = 1
     cluster: ClusterOption = None
     out: Path | None = None
-    """Folder for explore.json, explore.png and a design file of every design. Those of an earlier comparison there are removed,
-    other files stay."""
+    """Folder for explore.json and a design file of every design. Those of an earlier comparison there are removed, other files
+    stay."""
     json: JsonOption = False
 
     def run(self) -> int:
@@ -167,7 +159,7 @@ class ExploreDesignsCommand:
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)
         with connect_workers(self.workers, self.cluster) as workers:
-            explored = explore_designs(candidates, self.calibrated, workers)
+            explored = explore_designs(candidates, workers)
             done = dict(tqdm(explored, total=len(candidates), unit="design", disable=None, leave=False))
         found = [done[number] for number in range(len(candidates))]
         table: dict[str, Any] = {"designs": [each.to_json_dict() for each in found], "files": self._write_files(found)}
@@ -175,7 +167,6 @@ class ExploreDesignsCommand:
 
     def _write_files(self, found: "list[ExploredDesign]") -> list[str]:
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact_hardware.design_comparison import plot_design_comparison
         from ninedtact_hardware.design_file import hardware_design_to_toml
 
         if self.out is None:
@@ -183,7 +174,7 @@ class ExploreDesignsCommand:
         designs = {f"design_{number:02d}.toml": each.design for number, each in enumerate(found, 1) if each.prediction}
         contents = {name: hardware_design_to_toml(design).encode() for name, design in designs.items()}
         table = {"designs": [each.to_json_dict() for each in found]}
-        contents |= {"explore.json": json.dumps(table, indent=2).encode(), "explore.png": plot_design_comparison(found)}
+        contents["explore.json"] = json.dumps(table, indent=2).encode()
         for name, content in contents.items():
             write_file_atomically(self.out / name, content)
         for stale in self.out.glob("design_[0-9][0-9]*.toml"):

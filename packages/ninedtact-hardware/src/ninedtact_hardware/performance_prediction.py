@@ -1,24 +1,15 @@
-"""Predicted performance of a design: its parts are measured, and its twin is pressed by a ball, calibrated, and read.
+"""Predicted performance of a design: its parts are measured, and its twin is pressed by a ball.
 
 None of it is a measurement. Light and lens are those of the average sensor, scaled to the design; loads are those of a
 linear layer, which are too low for deep presses (docs/mechanics.md).
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from ninedtact.calibration.procedure import CalibrationImages, calibrate
-from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.design import SensorDesign
-from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.quantities import Frame
-from ninedtact.reading import read_frame
-from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSES, simulate_calibration_images
-from ninedtact.simulation.ground_truth import mean_height_error_mm, true_height_map_like
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import Twin, twin_from_design
 from ninedtact_hardware.buildable_design import BuildableDesign
@@ -97,39 +88,3 @@ def _mm_per_px(twin: Twin) -> float:
     rows, cols = twin.renderer.pixel_map.raw_shape
     across = plane[rows // 2, cols // 2 + 5] - plane[rows // 2, cols // 2 - 5]
     return float(np.hypot(*across)) / 10
-
-
-VALIDATION_BALL = Ball(5.0)
-"""Ball of the press that is read after the calibration."""
-DEPTH_PART, PLACE_PART = 0.5, 0.125
-"""Depth of the validation press as a fraction of the gel's thickness, and its offset as a fraction of the sensing area."""
-
-
-@dataclass(frozen=True)
-class CalibrationValidationErrors:
-    """Errors of a calibrated twin for a press with which it was not calibrated."""
-
-    depth_error_mm: float
-    """Mean absolute error of the height where the skin is pressed in."""
-    load_error_fraction: float
-    """Error of the load estimated by physics, over the load; the shear modulus is taken as designed."""
-
-
-def validate_simulated_calibration(design: SensorDesign) -> CalibrationValidationErrors:
-    """Calibrate the twin of a design by its board and ball and read a press of another ball; takes some ten seconds.
-
-    Raises `BoardNotFound`, `BallPressUnusable` where the design cannot be calibrated, and what pressing raises.
-    """
-    twin = twin_from_design(design)
-    images = simulate_calibration_images(twin, design, presses=GUIDED_PRESSES, frames=GUIDED_FRAMES)
-    made = calibrate(CalibrationImages(**vars(images)), design)
-    shape, gel = SensorFolder(Path(), made.record).shape, made.record.twin.gel if made.record.twin else design.gel
-    x, y = (PLACE_PART * side for side in design.sensing_area.size_mm)
-    contact = ScriptedPress(DEPTH_PART * design.gel.thickness_mm, at_mm=(x, -y)).simulate(twin, VALIDATION_BALL)
-    depth = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-GUIDED_FRAMES, 0)))
-    reading = read_frame(Frame(twin.renderer(contact, 1)), shape, depth)
-    true = true_height_map_like(contact, reading.height, twin.renderer.light.inverse_distance_per_mm)
-    load_n, read_n = (
-        -wrench.force_n[2] for wrench in (contact.wrench(), build_traction_force(shape, gel).estimate(reading).wrench)
-    )
-    return CalibrationValidationErrors(mean_height_error_mm(true, reading.height), float(abs(read_n - load_n) / load_n))
