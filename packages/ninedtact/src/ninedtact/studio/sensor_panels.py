@@ -53,7 +53,6 @@ class StatusPanel:
             )
         self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")
-        self._pace = gui.add_html("")
         self._freeze = gui.add_button(
             "Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
         )
@@ -65,10 +64,8 @@ class StatusPanel:
         gui.add_command("Save this reading", hotkey="S").on_trigger(lambda event: self._save())
 
     def update(self, moment: PageMoment) -> None:
-        """Show state, values and wrenches, whether the moment is frozen, and whether the browser keeps up."""
+        """Show state, values and wrenches, and whether the moment is frozen."""
         self._show_freeze()
-        sentence = self._viewer.pace.sentence
-        self._pace.content = card_html("line", text=sentence) if sentence else ""
         if len(moment.sensors) > 1:
             self._status.content, self._figures.content = group_status_html(moment.sensors), ""
             self._table.content = group_wrench_table_html(moment.sensors) if self._has_table else ""

@@ -3,22 +3,16 @@
 Every viewer has these controls; they move one object, so each follows what the others do.
 """
 
-from base64 import b64encode
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import partial
 from threading import Lock
 from typing import Any
 
-import cv2
 import numpy as np
-from jaxtyping import UInt8
-from numpy import ndarray as Array
 from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent
 from viser.transforms import SO3
 
 from ninedtact.errors import NinedtactError
-from ninedtact.mechanics.indenter import Indenter
-from ninedtact.simulation.objects.catalogue import PRIMITIVES, indenter_from_name
 from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
@@ -59,8 +53,6 @@ _SLIDERS = {
     "tilt about y (°)": 0.5,
 }
 """The sliders, in the order of the limits of `TwinPressController`, with their steps."""
-_THUMBNAIL_PX = 148
-_THUMBNAIL_HALF_MM, _THUMBNAIL_HEIGHT_MM = 9.0, 3.0
 
 
 class TwinPressPanel:
@@ -94,8 +86,6 @@ class TwinPressPanel:
         self._kind = gui.add_dropdown("kind", (*OBJECTS_BY_KIND, OWN_KIND), initial_value=state.kind)
         self._family = gui.add_dropdown("object", self._names_of_kind(state.kind), initial_value=state.family)
         self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="which one of its family")
-        self._pictured = self._objects_of_kind(state.kind)
-        self._thumbnails = gui.add_html(object_thumbnails_html(*self._pictured))
         self._sliders = {
             name: gui.add_slider(label, low, high, step, getattr(state, name))
             for (name, (low, high)), (label, step) in zip(limits.items(), _SLIDERS.items(), strict=True)
@@ -230,18 +220,11 @@ class TwinPressPanel:
         mesh = self._control.own_mesh
         return OBJECTS_BY_KIND.get(kind, ("" if mesh is None else mesh.name,))
 
-    def _objects_of_kind(self, kind: str) -> tuple[str, Indenter | None]:
-        """Return what the image of a kind shows: the kind, and one's own mesh where that is the kind."""
-        return kind, self._control.own_mesh if kind == OWN_KIND else None
-
     def _follow(self, state: HandPressState) -> bool:
         """Set all controls to the present state; return whether all show it, which one that is being changed does not yet."""
-        names, pictured = self._names_of_kind(state.kind), self._objects_of_kind(state.kind)
+        names = self._names_of_kind(state.kind)
         if tuple(self._family.options) != names:
             self._family.options = names
-        if pictured != self._pictured:  # also where another mesh of the same name was brought
-            self._pictured = pictured
-            self._thumbnails.content = object_thumbnails_html(*pictured)
         self._number.visible = state.kind not in ("primitives", OWN_KIND)
         self._sliders["depth_mm"].visible, self._sliders["load_n"].visible = not state.by_load, state.by_load
         chosen = (self._mode, _mode_of(state)), (self._kind, state.kind), (self._family, state.family)
@@ -263,32 +246,3 @@ def _contact_html(moment: SensorMoment, control: TwinPressController) -> str:
     if slip is not None:
         words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
     return card_html("held_object", said=" · ".join(words), refusal=control.simulation.hand.refusal)
-
-
-def object_thumbnails_html(kind: str, held: Indenter | None = None) -> str:
-    """Return the objects of a kind with their names as HTML; of one's own mesh, the held object."""
-    return _catalogue_html(kind) if kind in OBJECTS_BY_KIND else _thumbnails_html([] if held is None else [held])
-
-
-@lru_cache(maxsize=16)
-def _catalogue_html(kind: str) -> str:
-    """Return the first object of each family of a kind as HTML."""
-    names = OBJECTS_BY_KIND[kind]
-    return _thumbnails_html([indenter_from_name(name if name in PRIMITIVES else f"{name}_01") for name in names], names)
-
-
-def _thumbnails_html(objects: Sequence[Indenter], names: Sequence[str] = ()) -> str:
-    images = [b64encode(cv2.imencode(".png", _thumbnail(one))[1].tobytes()).decode() for one in objects]
-    captions = [name.replace("_", " ") for name in names or [one.name for one in objects]]
-    return card_html("thumbnails", objects=list(zip(captions, images, strict=True)))
-
-
-def _thumbnail(indenter: Indenter) -> UInt8[Array, "rows cols 4"]:
-    """Return the underside of an object from below (BGRA), lit from the upper left."""
-    axis = np.linspace(-_THUMBNAIL_HALF_MM, _THUMBNAIL_HALF_MM, _THUMBNAIL_PX)
-    heights = np.asarray(indenter.underside_mm(*np.meshgrid(axis, axis)), np.float32)
-    near = np.minimum(heights, _THUMBNAIL_HEIGHT_MM)
-    slope_y, slope_x = np.gradient(near, float(axis[1] - axis[0]))
-    light = (1 + 0.6 * slope_x - 0.6 * slope_y) / np.sqrt(1 + slope_x**2 + slope_y**2)
-    shade = np.clip(light * (220 - 110 * near / _THUMBNAIL_HEIGHT_MM), 40, 235).astype(np.uint8)
-    return np.dstack([shade] * 3 + [np.where(heights < _THUMBNAIL_HEIGHT_MM, 255, 0).astype(np.uint8)])

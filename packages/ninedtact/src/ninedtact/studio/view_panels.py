@@ -151,13 +151,12 @@ class ScenePanel:
         first = moment.wrenches[0].sample if moment.wrenches and not is_past else None
         scene.show_wrench(None if first is None else first.wrench)
         is_profiled = number == self._viewer.profiled_sensor
-        coarser = self._viewer.coarser
-        if self._drawn.get(number) == (id(view), coarser, options):
+        if self._drawn.get(number) == (id(view), options):
             return
-        self._drawn[number] = id(view), coarser, options
+        self._drawn[number] = id(view), options
         scene.exaggerate(options.exaggeration)
         as_points = options.colouring is not SkinColouring.PLAIN
-        scene.show_surface(view.surface(options.colouring, coarser, options.source), as_points, is_past)
+        scene.show_surface(view.surface(options.colouring, options.coarser, options.source), as_points, is_past)
         line = view.profile(*options.profile_mm).points_mm if options.with_profile and is_profiled else None
         scene.show_lines(view.outline_mm() if options.with_outline and not is_past else None, line)
         tractions = view.tractions(options.source)

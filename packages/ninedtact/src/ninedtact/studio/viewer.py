@@ -4,14 +4,13 @@ A page is made of panels. A `Panel` is built once for each viewer and then gets 
 of a viewer get the same moment. To add one, write a class with `build` and `update` in a file of its own and give it to the page.
 """
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import RLock, Thread
-from time import monotonic, monotonic_ns, time
+from time import monotonic_ns, time
 from typing import Any, Literal, Protocol
 
 from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
@@ -31,14 +30,6 @@ MOST_DOWNLOAD_BYTES = 32_000_000
 MAX_EXAGGERATION = 10.0
 CURVES_EVERY = 3
 """Number of moments after which curves are drawn again."""
-MAX_COARSER = 4
-"""Largest factor by which points of the surface are farther apart than in the finest one."""
-MAX_LEFT_OUT = 0.5
-"""Share of moments that a client does not get above which its surface becomes coarser; it becomes finer below a fifth of that."""
-PACE_OVER_S, PACE_MOMENTS = 2.0, 10
-"""Time, and least number of moments, over which it is measured whether a client keeps up."""
-RETRY_S = 5.0
-"""Time for which a client keeps up before a finer surface is tried; every step to a coarser one doubles it."""
 LEFT_PX, RIGHT_PX = 330, 350
 
 
@@ -137,41 +128,6 @@ class Panel(Protocol):
 PanelFactory = Callable[["ViewerPage"], Panel]
 
 
-class ClientSurfaceDensity:
-    """How dense a surface one client gets, from whether it has got each moment before the next one is due."""
-
-    def __init__(self) -> None:
-        self.coarser = 1
-        """Factor by which points of the surface are farther apart for this client."""
-        self.left_out = 0.0
-        """Share of the moments of the last seconds that the client did not get."""
-        self._began_s, self._behind = -math.inf, list[bool]()
-        self._late_s, self._retry_s = -math.inf, RETRY_S
-
-    @property
-    def sentence(self) -> str:
-        """What a viewer is told about it; empty where the client keeps up."""
-        if self.coarser == 1 and self.left_out < MAX_LEFT_OUT:
-            return ""
-        points = "" if self.coarser == 1 else f"it gets 1 of {self.coarser**2} points of the surface, and "
-        return f"this browser or its network does not keep up: {points}{self.left_out:.0%} of the moments are left out"
-
-    def count_moment(self, is_behind: bool, now_s: float) -> None:
-        """Count a moment, and change the density from time to time."""
-        if not self._behind:
-            self._began_s = now_s
-        self._behind.append(is_behind)
-        if now_s - self._began_s < PACE_OVER_S or len(self._behind) < PACE_MOMENTS:
-            return
-        self.left_out, self._behind = sum(self._behind) / len(self._behind), []
-        if self.left_out > MAX_LEFT_OUT and self.coarser < MAX_COARSER:
-            self.coarser, self._retry_s = 2 * self.coarser, 2 * self._retry_s
-        if self.left_out > MAX_LEFT_OUT / 5:
-            self._late_s = now_s
-        elif self.coarser > 1 and now_s - self._late_s > self._retry_s:
-            self.coarser, self._late_s = self.coarser // 2, now_s
-
-
 class ViewerPage:
     """The page of one browser."""
 
@@ -193,7 +149,6 @@ class ViewerPage:
         self.options = ViewOptions(coarser=2 if self.is_narrow or self.is_shared else 1, sensor=sensor)
         self.moment: PageMoment | None = None
         """The moment that this viewer is shown; None before the first."""
-        self.pace = ClientSurfaceDensity()
         self._played: RecordingPlayer | None = None
         self._has_left, self._moments, self.redraws_curves = False, 0, False
         """redraws_curves: whether curves are drawn with this moment; with every one of a recording, else from time to time."""
@@ -264,18 +219,11 @@ class ViewerPage:
         with self._lock:
             self.options = replace(self.options, **changes)
 
-    @property
-    def coarser(self) -> int:
-        """The factor by which points of the surface are farther apart, as the viewer has chosen and as the client keeps up."""
-        return min(self.options.coarser * self.pace.coarser, MAX_COARSER)
-
     def show(self, newest: PageMoment) -> None:
         """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
         with self._lock:
             passed = self._passed_messages()
-            is_behind = passed == self._passed_before
-            self.pace.count_moment(is_behind, monotonic())
-            if is_behind and not all(one.status.is_past for one in newest.sensors):
+            if passed == self._passed_before and not all(one.status.is_past for one in newest.sensors):
                 return
             moment = newest if self._played is None else self._played.moment(newest)
             if self._frozen and self.moment is not None:
