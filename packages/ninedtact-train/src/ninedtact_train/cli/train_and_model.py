@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import tyro
 
-from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
 from ninedtact.cli.shared_options import DesignFileOption, JsonOption, read_design_or_default
-from ninedtact.errors import MissingLibraryError
 from ninedtact.force.network_input import InputChannels, resize_input_settings
+from ninedtact.required_libraries import require_libraries
 from ninedtact_train.dataset.split import HeldOutSettings
 from ninedtact_train.training.settings import TRAINING_PRESETS, ComputeSettings, TrainingSettings
 
@@ -121,15 +120,7 @@ class Train:
 
 def _require_training_packages() -> None:
     """Raise `MissingLibraryError` before work begins."""
-    from importlib.util import find_spec
-
-    missing = [name for name in _REQUIRED_PACKAGES if find_spec(name) is None]
-    if missing:
-        raise MissingLibraryError(
-            expected=f"the packages {', '.join(_REQUIRED_PACKAGES)}",
-            got=f"none of {', '.join(missing)}",
-            remedy=f"run {installation_command('train')}",
-        )
+    require_libraries("train", *_REQUIRED_PACKAGES)
 
 
 def _result_to_json(trained: "TrainingResult") -> dict[str, Any]:

@@ -7,23 +7,13 @@ in the sensor frame; the wrappers of `force_torque.wrench_source_from_address` c
 from abc import abstractmethod
 from collections.abc import Iterator
 
-from ninedtact._version import installation_command
 from ninedtact.capture.frame_source import Openable, SourceWrapper
-from ninedtact.errors import DeviceError, MissingLibraryError
+from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
 
 class WrenchSensorLost(DeviceError):
     """A force/torque sensor that had delivered samples stopped."""
-
-
-class ForceTorqueLibraryMissing(MissingLibraryError):
-    """The library that communicates with this device is not installed."""
-
-    def __init__(self, name: str, package: str) -> None:
-        super().__init__(
-            f"expected {package} for {name}, got no such package; run {installation_command('force-torque')}"
-        )
 
 
 class WrenchSampleRejected(DeviceError):

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -203,6 +204,7 @@ class PlayedBota:
     def __init__(self, period_us: int, device_us: Sequence[int], answers: tuple[bool, bool] = (True, True)) -> None:
         self.period_us, self.device_us, self.answers = period_us, list(device_us), answers
         self.overrange = self.invalid = self.raw = False
+        self.__spec__ = ModuleSpec("bota_driver", None)
         self.ended: list[str] = []
 
     def BotaDriver(self, config: str) -> "PlayedBota":  # noqa: N802

@@ -26,8 +26,8 @@ from ninedtact.capture.force_torque.wrench_source_from_address import (
 )
 from ninedtact.capture.frame_source import SourceEnded, SourceNotOpen
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-from ninedtact.capture.wrench_source import ForceTorqueLibraryMissing, WrenchSensorLost, WrenchSource
-from ninedtact.errors import DeviceError, InputError
+from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
+from ninedtact.errors import DeviceError, InputError, MissingLibraryError
 from ninedtact.quantities import Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.recorded_source import RecordedWrenchSource
@@ -217,7 +217,7 @@ def test_a_missing_library_is_named_with_the_command_that_gets_it(
     for library in ("bota_driver", "pynetft", "serial"):
         monkeypatch.setitem(sys.modules, library, None)
     for source in (bench.bota(), bench.onrobot(), bench.serial()):
-        with pytest.raises(ForceTorqueLibraryMissing, match=re.escape(installation_command("force-torque"))):
+        with pytest.raises(MissingLibraryError, match=re.escape(installation_command("force-torque"))):
             source.open()
 
 

@@ -18,11 +18,9 @@ from ninedtact.capture.force_torque.driver_source import (
     ForceTorqueSample,
     counter_step,
 )
-from ninedtact.capture.wrench_source import (
-    ForceTorqueLibraryMissing,
-    WrenchSensorLost,
-)
+from ninedtact.capture.wrench_source import WrenchSensorLost
 from ninedtact.errors import DeviceError
+from ninedtact.required_libraries import require_libraries
 
 _CLOCK_BITS = 32
 _POLLS_PER_PERIOD = 4
@@ -44,11 +42,10 @@ class BotaDriver(ForceTorqueDriver):
         return cls(Path(address.partition(":")[2]).expanduser())
 
     def connect(self) -> None:
-        """Configure and start the sensor; raises `DeviceError` or `ForceTorqueLibraryMissing`."""
-        try:
-            import bota_driver
-        except ImportError as absence:
-            raise ForceTorqueLibraryMissing(self.name, "bota-driver (Linux only)") from absence
+        """Configure and start the sensor; raises `DeviceError` or `MissingLibraryError`."""
+        require_libraries("force-torque", "bota_driver")
+        import bota_driver
+
         if not self._config.is_file():
             raise DeviceError(
                 expected=f"the configuration of a Bota sensor at {self._config}",

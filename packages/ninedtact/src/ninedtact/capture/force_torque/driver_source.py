@@ -56,7 +56,7 @@ class ForceTorqueDriver(ABC):
 
     @abstractmethod
     def connect(self) -> None:
-        """Open the device, or raise `DeviceError` or `ForceTorqueLibraryMissing` and leave nothing open."""
+        """Open the device, or raise `DeviceError` or `MissingLibraryError` and leave nothing open."""
 
     @abstractmethod
     def receive(self) -> Sequence[ForceTorqueSample]:
@@ -121,7 +121,7 @@ class DriverWrenchSource(WrenchSource):
         self._closing = Event()
 
     def open(self) -> None:
-        """Connect and receive one sample; raises `DeviceError` or `ForceTorqueLibraryMissing`."""
+        """Connect and receive one sample; raises `DeviceError` or `MissingLibraryError`."""
         with self._opening:
             if self._thread is not None:
                 return

@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ninedtact.capture.force_torque.driver_source import RECEIVE_TIMEOUT_S, ForceTorqueDriver, ForceTorqueSample
-from ninedtact.capture.wrench_source import (
-    ForceTorqueLibraryMissing,
-    WrenchSensorLost,
-)
+from ninedtact.capture.wrench_source import WrenchSensorLost
 from ninedtact.errors import DeviceError, InputError
+from ninedtact.required_libraries import require_libraries
 
 if TYPE_CHECKING:
     import pynetft
@@ -90,11 +88,10 @@ class NetFtDriver(ForceTorqueDriver):
         return cls(address, host, ONROBOT, port)
 
     def connect(self) -> None:
-        """Request the stream and wait for one record; raises `DeviceError` or `ForceTorqueLibraryMissing`."""
-        try:
-            import pynetft
-        except ImportError as absence:
-            raise ForceTorqueLibraryMissing(self.name, "pynetft") from absence
+        """Request the stream and wait for one record; raises `DeviceError` or `MissingLibraryError`."""
+        require_libraries("force-torque", "pynetft")
+        import pynetft
+
         client = pynetft.Client(self._config(), queue_size=_KEPT_RECORDS)
         try:
             client.start()

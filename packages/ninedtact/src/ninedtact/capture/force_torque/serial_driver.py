@@ -30,11 +30,9 @@ from ninedtact.capture.force_torque.driver_source import (
     ForceTorqueDriver,
     ForceTorqueSample,
 )
-from ninedtact.capture.wrench_source import (
-    ForceTorqueLibraryMissing,
-    WrenchSensorLost,
-)
+from ninedtact.capture.wrench_source import WrenchSensorLost
 from ninedtact.errors import DeviceError, InputError
+from ninedtact.required_libraries import require_libraries
 
 BEGIN = b"\xa5\x5a"
 _BODY = Struct("<HIH6f")
@@ -136,10 +134,9 @@ class SerialPortDriver(ForceTorqueDriver):
 
     def connect(self) -> None:
         """Open the port exclusively and discard what it buffered before; raises `DeviceError`."""
-        try:
-            import serial
-        except ImportError as absence:
-            raise ForceTorqueLibraryMissing(self.name, "pyserial") from absence
+        require_libraries("force-torque", "serial")
+        import serial
+
         try:
             self._port = serial.Serial(self._port_name, self._baud, timeout=RECEIVE_TIMEOUT_S, exclusive=True)
             self._port.reset_input_buffer()

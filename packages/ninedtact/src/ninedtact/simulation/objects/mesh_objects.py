@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
-from ninedtact._version import installation_command
 from ninedtact.errors import FileFormatError, MissingLibraryError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
+from ninedtact.required_libraries import require_libraries
 from ninedtact.simulation.objects.height_fields import Heightfield
 from ninedtact.simulation.objects.mesh_raster import rasterize_lowest_mm
 
@@ -237,14 +237,9 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
 
 def _import_trimesh() -> Any:
     """Return the library; raises `MissingLibraryError`."""
-    try:
-        import trimesh
-    except ImportError as absence:
-        raise MissingLibraryError(
-            expected="the library trimesh",
-            got="an environment without it",
-            remedy=f"run: {installation_command('objects')}",
-        ) from absence
+    require_libraries("objects", "trimesh")
+    import trimesh
+
     # Without any handler, Python prints the library's warnings, tracebacks included, beside the sentence of this package.
     if not (log := logging.getLogger("trimesh")).handlers:
         log.addHandler(logging.NullHandler())
@@ -264,7 +259,9 @@ def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> Mesh
 
 def _find_model(number: int) -> tuple[Any, Any]:
     """Return the entry of a model, and the library that reads it."""
-    library = _import_thingi10k()
+    require_libraries("objects", "thingi10k")
+    import thingi10k as library
+
     try:
         library.init()
     except Exception as failure:
@@ -284,16 +281,3 @@ def _find_model(number: int) -> tuple[Any, Any]:
 def _first_line(failure: Exception) -> str:
     """Return the first line of an error message."""
     return (str(failure).splitlines() or [type(failure).__name__])[0][:120]
-
-
-def _import_thingi10k() -> Any:
-    """Return the library; raises `MissingLibraryError`."""
-    try:
-        import thingi10k
-    except ImportError as absence:
-        raise MissingLibraryError(
-            expected="the library thingi10k",
-            got="an environment without it",
-            remedy=f"run: {installation_command('objects')}",
-        ) from absence
-    return thingi10k
