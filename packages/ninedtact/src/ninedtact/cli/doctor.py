@@ -33,7 +33,7 @@ EXTRAS = {
         ("ninedtact_train", "torch", "lightning", "onnx", "onnxruntime", "onnxscript", "tensorboard"),
         "training force models: train",
     ),
-    "objects": (("trimesh", "thingi10k"), "mesh files as objects of the twin"),
+    "objects": (("trimesh",), "mesh files as objects of the twin"),
     "hardware": (
         ("ninedtact_hardware", "build123d", "ezdxf"),
         "parts, moulds, drawings, circuit board: hardware",

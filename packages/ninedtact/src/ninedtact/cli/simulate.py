@@ -108,7 +108,6 @@ def _format_object_list(solids: dict[str, str], made: dict[str, list[str]], endi
     yield "generated objects, any number of each family (gear_07; --seed for others):"
     yield from (f"  {kind:18}{', '.join(families)}" for kind, families in made.items())
     yield f"mesh files ({', '.join(endings)}), with unit, side and size if need be: part.stl, part.stl@in@+x, part.stl@fit:16"
-    yield "models of Thingi10K by number: thingi10k:32770"
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ class _Press:
     """Press an object on the twin of a sensor; write its image, heights, pressure, shear, wrench and a figure of all."""
 
     object: str
-    """Object: ball:4 (mm), cylinder, cone, punch, ellipsoid, gear_07, a mesh file (part.stl, part.stl@in), thingi10k:ID."""
+    """Object: ball:4 (mm), cylinder, cone, punch, ellipsoid, gear_07, or a mesh file (part.stl, part.stl@in)."""
     out: Path
     """Folder for the results."""
     depth_mm: float | None = None

@@ -20,7 +20,6 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.hand_moved_object import HandTarget
 from ninedtact.simulation.objects.catalogue import FAMILIES_BY_KIND, PRIMITIVES, indenter_from_name
 from ninedtact.simulation.objects.mesh_objects import (
-    FITTING,
     MeshMisplaced,
     MeshObject,
     MeshPlacement,
@@ -40,7 +39,9 @@ OWN_KIND = "own mesh"
 MAX_DEPTH_MM, MAX_LOAD_N, MAX_TWIST_DEG, MAX_TILT_DEG, MAX_NUMBER = 1.8, 20.0, 90.0, 20.0, 99
 START_DEPTH_MM = 0.6
 """Depth to which a new object is pressed, so that it does not harm a flat one."""
-FIT = f"fit to {FITTING.fit_mm:g} mm"
+FIT_MM = 16.0
+"""Size to which an own mesh is made to fit where its unit is not known."""
+FIT = f"fit to {FIT_MM:g} mm"
 """The unit of a mesh of any size, as the page names it."""
 UPLOAD_SUFFIXES = (".stl", ".obj")
 MAX_UPLOAD_MB = 16

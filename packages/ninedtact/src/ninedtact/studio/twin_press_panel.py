@@ -13,11 +13,12 @@ from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformContro
 from viser.transforms import SO3
 
 from ninedtact.errors import NinedtactError
-from ninedtact.simulation.objects.mesh_objects import FITTING, MM_PER_UNIT, MeshPlacement
+from ninedtact.simulation.objects.mesh_objects import MM_PER_UNIT, MeshPlacement
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
     FIT,
+    FIT_MM,
     MAX_NUMBER,
     OBJECTS_BY_KIND,
     OWN_KIND,
@@ -204,9 +205,7 @@ class TwinPressPanel:
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
         """Press one's own mesh, or say in one sentence why it cannot be."""
         unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
-        placement = MeshPlacement(
-            unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FITTING.fit_mm if unit == FIT else None
-        )
+        placement = MeshPlacement(unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FIT_MM if unit == FIT else None)
         try:
             file = event.target.value
             said = {control.upload(file.name, file.content, placement) for control in self._pressed}

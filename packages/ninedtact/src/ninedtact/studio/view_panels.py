@@ -90,7 +90,7 @@ class ScenePanel:
 
     def __init__(self, viewer: ViewerPage) -> None:
         self._viewer = viewer
-        self._drawn: dict[int, tuple[int, int, ViewOptions]] = {}
+        self._drawn: dict[int, tuple[int, ViewOptions]] = {}
         self._stood = 0 if viewer.is_narrow else 1
 
     def build(self, gui: GuiApi) -> None:

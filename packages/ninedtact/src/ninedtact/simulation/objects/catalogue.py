@@ -3,7 +3,6 @@
 ball:4                          primitives with their dimensions in mm and degrees
 gear_07                         generated objects, by family and number
 part.stl, part.stl@in@+x        mesh files, with unit, side that faces the skin, scale (@0.5) or size to fit (@fit:16)
-thingi10k:32770                 models of Thingi10K, with the same additions; made to fit 16 mm
 """
 
 import re
@@ -22,14 +21,12 @@ from ninedtact.simulation.objects.household_objects import HOUSEHOLD_OBJECTS
 from ninedtact.simulation.objects.lettering import LETTERING
 from ninedtact.simulation.objects.machine_parts import MACHINE_PARTS
 from ninedtact.simulation.objects.mesh_objects import (
-    FITTING,
     MESH_FILE_SUFFIXES,
     MM_PER_UNIT,
     SIDES,
     MeshObject,
     MeshPlacement,
     load_mesh_object,
-    load_thingi10k_object,
 )
 from ninedtact.simulation.objects.solids import PUNCHES, SOLIDS
 from ninedtact.simulation.objects.surface_textures import PATTERNS, ROUGH_SURFACES
@@ -113,21 +110,17 @@ def indenter_from_name(text: str, seed: int = 0) -> Indenter:
     kind, _, rest = text.partition(":")
     if kind in PRIMITIVES:
         return _primitive_from_name(kind, rest)
-    if kind == "thingi10k" and (number := re.match(r"\d+", rest)):
-        return _warn_if_not_closed(
-            load_thingi10k_object(int(number[0]), _parse_mesh_placement(rest[number.end() :].split("@")[1:], FITTING))
-        )
     if re.sub(r"_?\d+$", "", text) in FAMILIES:
         return generate_object(text, seed)
     path, *additions = _split_mesh_options(text)
     if Path(path).suffix.lower() in MESH_FILE_SUFFIXES:
-        return _warn_if_not_closed(load_mesh_object(Path(path), _parse_mesh_placement(additions, MeshPlacement())))
+        return _warn_if_not_closed(load_mesh_object(Path(path), _parse_mesh_placement(additions)))
     raise InputError(expected=f"{_accepted_names()}", got=f"{text!r}", remedy="give one of these")
 
 
 def mesh_file_of_name(text: str) -> Path | None:
     """Return the mesh file that an object's name refers to; None for all other objects."""
-    is_other = text.partition(":")[0] in (*PRIMITIVES, "thingi10k") or re.sub(r"_?\d+$", "", text) in FAMILIES
+    is_other = text.partition(":")[0] in PRIMITIVES or re.sub(r"_?\d+$", "", text) in FAMILIES
     path = Path(_split_mesh_options(text)[0])
     return path if not is_other and path.suffix.lower() in MESH_FILE_SUFFIXES else None
 
@@ -136,8 +129,8 @@ def _accepted_names() -> str:
     """Return one sentence about all names that are accepted."""
     solids = ", ".join(f"{kind}:{dimensions}" for kind, (dimensions, _) in PRIMITIVES.items())
     return (
-        f"a solid ({solids}, in mm), a generated object (gear_07; families: {', '.join(FAMILIES)}), a mesh file "
-        f"({', '.join(MESH_FILE_SUFFIXES)}; part.stl@in@+x@fit:16) or thingi10k:NUMBER"
+        f"a solid ({solids}, in mm), a generated object (gear_07; families: {', '.join(FAMILIES)}) or a mesh file "
+        f"({', '.join(MESH_FILE_SUFFIXES)}; part.stl@in@+x@fit:16)"
     )
 
 
@@ -165,18 +158,18 @@ def _split_mesh_options(text: str) -> list[str]:
     return ["@".join(parts[:end]), *parts[end:]]
 
 
-def _parse_mesh_placement(additions: Sequence[str], start: MeshPlacement) -> MeshPlacement:
-    """Read unit, side, scale and size to fit, in any order; a unit or a scale cancels the default fit."""
-    placing = start
+def _parse_mesh_placement(additions: Sequence[str]) -> MeshPlacement:
+    """Read unit, side, scale and size to fit, in any order."""
+    placing = MeshPlacement()
     for addition in additions:
         if addition in SIDES:
             placing = replace(placing, side=addition)
         elif addition in MM_PER_UNIT:
-            placing = replace(placing, unit=addition, fit_mm=_drop_default_fit(start.fit_mm, placing.fit_mm))
+            placing = replace(placing, unit=addition)
         elif fit := re.fullmatch(r"fit:(\d*\.?\d+)", addition):
             placing = replace(placing, fit_mm=float(fit[1]))
         elif re.fullmatch(r"\d*\.?\d+", addition):
-            placing = replace(placing, scale=float(addition), fit_mm=_drop_default_fit(start.fit_mm, placing.fit_mm))
+            placing = replace(placing, scale=float(addition))
         else:
             raise InputError(
                 expected=f"@unit ({', '.join(MM_PER_UNIT)}), @side ({', '.join(SIDES)}), @scale (@0.5) or @fit:MM "
@@ -185,11 +178,6 @@ def _parse_mesh_placement(additions: Sequence[str], start: MeshPlacement) -> Mes
                 remedy="correct it",
             )
     return placing
-
-
-def _drop_default_fit(start: float | None, now: float | None) -> float | None:
-    """Return the current fit, or None where it is only the default one."""
-    return None if now == start else now
 
 
 def _warn_if_not_closed(mesh: MeshObject) -> Indenter:

@@ -1,10 +1,7 @@
-"""Triangle meshes as indenters: mesh files read by trimesh, and models of Thingi10K by number (docs/objects.md).
+"""Triangle meshes as indenters: mesh files read by trimesh (docs/objects.md).
 
 The centre of the footprint becomes the object's origin. A mesh need not be closed: only its underside matters, and where nothing
 is visible from below there is no object. Of an object wider than `KEPT_MM`, only the middle is kept.
-
-The first model of Thingi10K downloads the whole set into the cache of Hugging Face; later ones are read from there. The models
-are of all sizes, so each is scaled to fit unless options say otherwise. Each model has its own licence, which its entry states.
 """
 
 import logging
@@ -244,40 +241,3 @@ def _import_trimesh() -> Any:
     if not (log := logging.getLogger("trimesh")).handlers:
         log.addHandler(logging.NullHandler())
     return trimesh
-
-
-FITTING = MeshPlacement(fit_mm=16.0)
-
-
-def load_thingi10k_object(number: int, placing: MeshPlacement = FITTING) -> MeshObject:
-    """Return the model with this file number; raises `FileFormatError`, `MissingLibraryError` and `MeshUnusable`."""
-    entry, library = _find_model(number)
-    vertices, faces = library.load_file(entry["file_path"])
-    corners, triangles = np.asarray(vertices, float), np.asarray(faces, np.int64)
-    return _object_from_triangles(f"thingi10k_{number}", corners, triangles, placing)
-
-
-def _find_model(number: int) -> tuple[Any, Any]:
-    """Return the entry of a model, and the library that reads it."""
-    require_libraries("objects", "thingi10k")
-    import thingi10k as library
-
-    try:
-        library.init()
-    except Exception as failure:
-        raise FileFormatError(
-            expected="Thingi10K on this machine or the network to download it",
-            got=f"{_first_line(failure)!r}",
-            remedy="connect once, or give a mesh file of your own",
-        ) from failure
-    entries = list(library.dataset(file_id=number))
-    if not entries:
-        raise FileFormatError(
-            expected="a file number of Thingi10K", got=f"{number}, which is not in it", remedy="take another, as 32770"
-        )
-    return entries[0], library
-
-
-def _first_line(failure: Exception) -> str:
-    """Return the first line of an error message."""
-    return (str(failure).splitlines() or [type(failure).__name__])[0][:120]
