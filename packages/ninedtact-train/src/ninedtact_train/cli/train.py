@@ -1,6 +1,4 @@
-"""ninedtact train: a data set → a force model in one file. ninedtact model card | make: print the model card of a force model,
-or make a force model from simulation alone.
-"""
+"""ninedtact train: a data set → a force model in one file."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, make_dataclass, replace
@@ -10,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 import tyro
 
 from ninedtact.cli.result_and_interrupt import print_notice, print_result
-from ninedtact.cli.shared_options import DesignFileOption, JsonOption, read_design_or_default
+from ninedtact.cli.shared_options import JsonOption
 from ninedtact.force.network_input import InputChannels, resize_input_settings
 from ninedtact.required_libraries import require_libraries
 from ninedtact_train.dataset.split import HeldOutSettings
@@ -18,7 +16,6 @@ from ninedtact_train.training.settings import TRAINING_PRESETS, ComputeSettings,
 
 if TYPE_CHECKING:
     from ninedtact_train.training.train import TrainingResult
-    from ninedtact_train.workflows.force_model_from_simulation import ForceModelResult
 
 _REQUIRED_PACKAGES = ("torch", "lightning", "onnx", "onnxscript", "onnxruntime", "tensorboard", "pyarrow")
 
@@ -70,7 +67,7 @@ class Train:
 
     def run(self) -> int:
         """Train, and print the scores on the held-out pairs."""
-        _require_training_packages()
+        require_training_packages()
         settings = self.settings()
         self._require_inputs(settings)  # at once: importing torch takes seconds
         from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset, train_on_dataset
@@ -118,7 +115,7 @@ class Train:
         return replace(preset, input=grid, seed=self.held_out.seed, **changes)
 
 
-def _require_training_packages() -> None:
+def require_training_packages() -> None:
     """Raise `MissingLibraryError` before work begins."""
     require_libraries("train", *_REQUIRED_PACKAGES)
 
@@ -145,76 +142,3 @@ def _format_training_result(trained: "TrainingResult") -> Iterator[str]:
     )
     yield "on the held-out pairs:"
     yield from format_evaluation_report(trained.evaluation)
-
-
-DESCRIPTION = "Force models: print a model card, or make a model from simulation alone."
-
-
-@dataclass(frozen=True)
-class _ShowModelCard:
-    """Print the card of a force model: its training, its scores and its limits."""
-
-    model: Path
-    """A force model (.onnx)."""
-    json: JsonOption = False
-
-    def run(self) -> int:
-        """Read and print the card; raises `ModelUnusable`."""
-        import msgspec
-
-        from ninedtact.force.onnx_model import read_force_model
-        from ninedtact_train.evaluation.model_card_markdown import format_model_card
-
-        card = read_force_model(self.model).card
-        return print_result(self.json, msgspec.to_builtins(card), [format_model_card(card)])
-
-
-@dataclass(frozen=True)
-class _MakeForceModel:
-    """Make a force model from simulation alone: simulate sensors and contacts, train, and validate on other sensors and objects.
-
-    Run again after a stop, it continues where it was.
-    """
-
-    out: Path
-    """Folder for the model, its card, the data sets and the training: new, or begun with the same recipe."""
-    recipe: Literal["small", "large"] = "small"
-    """small: a few minutes, to see that it works. large: forty thousand pairs, hours."""
-    name: str = "moments"
-    """Name of the model."""
-    design_file: DesignFileOption = None
-    """Design file (TOML) of the sensors that the model is for. By default the published sensor."""
-    workers: int = 2
-    """Processes that simulate and calibrate."""
-    json: JsonOption = False
-
-    def run(self) -> int:
-        """Do all steps that are not done yet; raises `DatasetError`."""
-        _require_training_packages()
-        from ninedtact_train.dataset.folder import interrupt_as_stopped
-        from ninedtact_train.workflows.force_model_from_simulation import RECIPES, make_force_model
-
-        recipe = replace(RECIPES[self.recipe], design=read_design_or_default(self.design_file))
-        with interrupt_as_stopped(self.out):
-            made = make_force_model(
-                *(self.out, recipe),
-                name=self.name,
-                workers=self.workers,
-                progress=not self.json,
-                notify=print_notice,
-            )
-        figures = {"model": str(made.model), "card": str(made.card_file), "evaluation": made.card.evaluation}
-        return print_result(self.json, figures, _format_made_model(made))
-
-
-Model = (
-    Annotated[_ShowModelCard, tyro.conf.subcommand("card")] | Annotated[_MakeForceModel, tyro.conf.subcommand("make")]
-)
-
-
-def _format_made_model(made: "ForceModelResult") -> Iterator[str]:
-    from ninedtact_train.evaluation.model_card_markdown import format_model_card
-
-    yield format_model_card(made.card)
-    yield f"model: {made.model}; card: {made.card_file}"
-    yield f"try it: ninedtact live --source sim --sensor {made.sensor} --force {made.model}"
