@@ -73,7 +73,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
 
 
 @pytest.mark.parametrize("is_guided", [False, True])
-def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bool) -> None:
+def test_each_browser_chooses_a_dark_page_for_itself(tmp_path: Path, is_guided: bool) -> None:
     with ExitStack() as opened:
         if is_guided:
             server = opened.enter_context(page_server("127.0.0.1", 0))
@@ -81,17 +81,10 @@ def test_a_browser_keeps_the_choice_of_a_dark_page(tmp_path: Path, is_guided: bo
             GuidedPageLayout(server, session, lambda: {"0": "a camera"}, "Calibration").serve()
         else:
             server = opened.enter_context(served_small_page(tmp_path)).server
-        for kept, chosen in ((None, True), ("dark", False), ("light", True)):
-            with page_client(server) as browser:
-                request = browser.until_sent(lambda one: one["type"] == "LocalStorageGetItemRequestMessage")
-                answer = {"type": "LocalStorageGetItemResponseMessage", "request_uuid": request["request_uuid"]}
-                browser.send(answer | {"value": kept, "error": None})
-                if kept == "dark":
-                    browser.until_sent(lambda one: one.get("dark_mode") is True)
-                browser.use("dark", chosen)
-                said = browser.until_sent(lambda one: one["type"] == "LocalStorageSetItemMessage")
-                assert (said["key"], said["value"]) == (request["key"], "dark" if chosen else "light")
-                wait_until(lambda browser=browser, chosen=chosen: theme(browser) == chosen)
+        dark, light = (opened.enter_context(page_client(server)) for _ in range(2))
+        dark.use("dark", True)
+        wait_until(lambda: theme(dark))
+        assert not theme(light)
 
 
 def theme(browser: PageClient) -> bool:

@@ -131,15 +131,12 @@ START |= {"mime_type": "model/stl", "part_count": 2, "size_bytes": 9}
 PART = {"type": "FileTransferPart", "source_component_uuid": "b", "transfer_uuid": "t", "part_index": 0, "content": b""}
 CLICK = {"type": "ScenePointerMessage", "event_type": "click", "ray_origin": (0.0, 0.0, 1.0), "modifier": "shift"}
 CLICK |= {"ray_direction": (0.0, 0.0, -1.0), "screen_pos": [(0.5, 0.5)]}
-KEPT = {"type": "LocalStorageGetItemResponseMessage", "error": None, "request_uuid": "r"}
 SENT_BY_CONTROLS: tuple[dict[str, Any], ...] = (
     *(UPDATE | {"updates": {"value": value}} for value in (True, 1.25, 7, "height", (1.0, -2.5))),
     HANDLE | {"wxyz": (1.0, 0, 0, 0)},
     {"type": "CommandTriggerMessage", "uuid": "c"},
     CAMERA,
     CLICK,
-    KEPT | {"value": "dark"},
-    KEPT | {"value": None},
     START,
     PART | {"content": b"x" * PART_BYTES},
 )
@@ -151,7 +148,6 @@ SENT_BY_NOBODY: tuple[dict[str, Any], ...] = (
     HANDLE | {"wxyz": (1.0, 0, 0, float("nan"))},
     CLICK | {"screen_pos": [(0.5, 0.5)] * 3},
     CAMERA | {"wxyz": (1.0,)},
-    KEPT | {"value": "x" * 201},
     START | {"size_bytes": 16_000_001},
     START | {"part_count": 33},
     PART | {"content": b"x" * (PART_BYTES + 1)},

@@ -29,7 +29,7 @@ from ninedtact.studio.viewer import (
     NOTICE_S,
     PHONE_STYLE,
     ControlFollower,
-    ThemeChoice,
+    add_theme_choice,
     is_user_event,
 )
 
@@ -132,7 +132,7 @@ class GuidedPageLayout:
         self._images[client.client_id] = image
         if client.client_id not in self._server.viser.get_clients():  # it has left meanwhile
             self._forget(client)
-        ThemeChoice(client)
+        add_theme_choice(client)
 
 
 def draw_found_pins(

@@ -64,8 +64,6 @@ _OTHER_MESSAGES = (
     _message("TransformControlsUpdateMessage", **_Handle, wxyz=_Quaternion, position=_Vector),
     _message("TransformControlsDragStartMessage", **_Handle),
     _message("TransformControlsDragEndMessage", **_Handle),
-    # What the browser has kept for the page: its theme.
-    _message("LocalStorageGetItemResponseMessage", value=_Text | None, error=_Text | None, request_uuid=_Text),
 )
 _DECODER: Any = msgspec.msgpack.Decoder(Union[CameraMessage, _UploadMessage, _PartMessage, *_OTHER_MESSAGES])
 

@@ -29,9 +29,9 @@ from ninedtact.studio.scene_3d import SkinScene
 from ninedtact.studio.viewer import (
     MAX_EXAGGERATION,
     Side,
-    ThemeChoice,
     ViewerPage,
     ViewOptions,
+    add_theme_choice,
     is_user_event,
 )
 
@@ -115,7 +115,7 @@ class ScenePanel:
         )
         pressure = gui.add_checkbox("pressure as arrows", options.pressure_arrows)
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
-        ThemeChoice(viewer.client)
+        add_theme_choice(viewer.client)
         colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
         times.on_update(
             lambda event: viewer.choose(exaggeration=float(np.clip(event.target.value, 1, MAX_EXAGGERATION)))

@@ -5,11 +5,11 @@ of a viewer get the same moment. To add one, write a class with `build` and `upd
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from threading import RLock, Thread
+from threading import RLock
 from time import monotonic_ns, time
 from typing import Any, Literal, Protocol
 
@@ -44,35 +44,16 @@ PHONE_STYLE = (
 """Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
 
 
-_THEME_KEY, _THEME_WITHIN_S = "theme", 30.0
-"""Name under which a browser keeps its choice, and the time within which it says what it has kept."""
+def add_theme_choice(client: ClientHandle) -> None:
+    """Add the choice between a light and a dark page to the page of one browser."""
+    dark = client.gui.add_checkbox("dark", False)
 
+    def show(_: object = None) -> None:
+        client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=bool(dark.value))
+        client.scene.set_background_image(DARK if dark.value else LIGHT)
 
-class ThemeChoice:
-    """The choice between a light and a dark page, which each browser keeps for its next visit."""
-
-    def __init__(self, client: ClientHandle) -> None:
-        """Add the control to the page of one browser, and set it to what this browser has kept, as soon as it says so."""
-        self._client = client
-        self._dark = client.gui.add_checkbox("dark", False, hint="kept by this browser")
-        self._dark.on_update(self._choose)
-        self._show()
-        Thread(target=self._restore, name="theme", daemon=True).start()
-
-    def _choose(self, event: GuiEvent[Any]) -> None:
-        self._show()
-        if is_user_event(event):
-            self._client.local_storage.set_item(_THEME_KEY, "dark" if self._dark.value else "light")
-
-    def _show(self) -> None:
-        dark = bool(self._dark.value)
-        self._client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark)
-        self._client.scene.set_background_image(DARK if dark else LIGHT)
-
-    def _restore(self) -> None:
-        with suppress(RuntimeError, TimeoutError):  # the browser has left, or keeps nothing
-            if self._client.local_storage.get_item(_THEME_KEY, _THEME_WITHIN_S) == "dark":
-                self._dark.value = True
+    dark.on_update(show)
+    show()
 
 
 Side = Literal["left", "lower left", "right"]
