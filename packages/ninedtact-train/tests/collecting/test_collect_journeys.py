@@ -15,10 +15,11 @@ import cv2
 import numpy as np
 import pytest
 from hand import TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, record_hand, truth
+from hand_fed import Hanging
 from twin_folder import twin_folder
 
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
-from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource
 from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
 from ninedtact.cli import main
 from ninedtact.quantities import Frame, Wrench
@@ -227,27 +228,6 @@ def test_the_screen_is_rewritten_in_place_where_its_lines_are_wider_than_the_ter
     assert rows > 15 and again.startswith(f"\x1b[{rows}A\x1b[J") and "next object: cup" in again
     for said in ("Fz -12.00 ············", "do not touch the gel", "missing: Fx"):
         assert said in first and said in again
-
-
-class Hanging(FrameSource):
-    """A camera whose driver hangs after the first image, until it is closed."""
-
-    name = "a camera that hangs"
-
-    def __init__(self) -> None:
-        self._closed, self._read = threading.Event(), False
-
-    def open(self) -> None: ...
-
-    def read(self) -> Frame:
-        if self._read:
-            self._closed.wait(20)
-            raise SourceNotOpen(self.name)
-        self._read = True
-        return Frame(np.zeros((4, 4, 3), np.uint8), time.monotonic_ns())
-
-    def close(self) -> None:
-        self._closed.set()
 
 
 class SteadyWrenches(WrenchSource):

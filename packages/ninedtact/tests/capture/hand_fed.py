@@ -1,5 +1,6 @@
-"""A source whose every image the test hands in, so that nothing depends on how fast the machine is."""
+"""Sources whose images the test hands in, so that nothing depends on how fast the machine is."""
 
+import threading
 import time
 from queue import Queue
 
@@ -34,3 +35,24 @@ class HandFed(FrameSource):
 
     def close(self) -> None:
         self.fail(SourceNotOpen(self.name))
+
+
+class Hanging(FrameSource):
+    """A camera whose driver hangs after the first image, until it is closed."""
+
+    name = "a camera that hangs"
+
+    def __init__(self) -> None:
+        self._closed, self._read = threading.Event(), False
+
+    def open(self) -> None: ...
+
+    def read(self) -> Frame:
+        if self._read:
+            self._closed.wait(20)
+            raise SourceNotOpen(self.name)
+        self._read = True
+        return Frame(np.zeros((4, 4, 3), np.uint8), time.monotonic_ns())
+
+    def close(self) -> None:
+        self._closed.set()

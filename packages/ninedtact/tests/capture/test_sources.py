@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from bench_camera import BenchCamera, BenchPi
-from hand_fed import HandFed
+from hand_fed import HandFed, Hanging
 from mjpeg_camera import MjpegCamera
 from small_press_simulation import TWIN, small_press_simulation
 from twin_folder import twin_folder
@@ -298,27 +298,6 @@ def test_an_estimate_of_a_stream_ends_with_its_answer_at_ctrl_c(tmp_path: Path) 
             answer, _ = running.communicate(timeout=120)
     assert camera.url in said and running.returncode == 0
     assert [row["touching"] for row in json.loads(answer)["wrenches"]][:1] == [False]
-
-
-class Hanging(FrameSource):
-    """A camera whose driver hangs after the first image, until it is closed."""
-
-    name = "a camera that hangs"
-
-    def __init__(self) -> None:
-        self._closed, self._read = threading.Event(), False
-
-    def open(self) -> None: ...
-
-    def read(self) -> Frame:
-        if self._read:
-            self._closed.wait(20)
-            raise SourceNotOpen(self.name)
-        self._read = True
-        return Frame(np.zeros((4, 4, 3), np.uint8), time.monotonic_ns())
-
-    def close(self) -> None:
-        self._closed.set()
 
 
 def test_a_driver_that_hangs_is_told_once(tmp_path: Path) -> None:

@@ -348,7 +348,7 @@ class ReadingServer:
         return request
 
 
-def _answer_request(connection: ServerConnection, request: Request) -> Response | None:
+async def _answer_request(connection: ServerConnection, request: Request) -> Response | None:
     """Serve the schema, refuse unknown addresses, and let WebSockets through."""
     path = urlsplit(request.path).path
     if path == "/schema.json":

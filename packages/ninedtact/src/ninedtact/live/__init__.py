@@ -4,5 +4,5 @@
     force threads:  WrenchSource ──read──▶ WrenchHistory            one for each source (`wrench_history`)
 
 `reading_recorder` records what these threads read. `socket_guard` says who may connect to a server of readings, and how much its
-clients may cost.
+clients may cost; `server_log` is what such a server says in the terminal.
 """

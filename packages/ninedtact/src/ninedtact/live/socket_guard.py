@@ -13,7 +13,6 @@ import ctypes
 import errno
 import gc
 import hmac
-import logging
 import re
 import socket
 from collections import deque
@@ -21,11 +20,8 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from inspect import isawaitable
 from ipaddress import ip_address
-from pathlib import Path
 from secrets import randbelow, token_urlsafe
-from traceback import extract_tb
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -35,6 +31,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from ninedtact.errors import DeviceError, InputError
+from ninedtact.live.server_log import one_line_logger
 
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 _TOKEN_BYTES = 16
@@ -50,7 +47,7 @@ _CLOSE_S = 1.0
 """Time for a client to answer the end of its connection."""
 
 MessageTest = Callable[[str | bytes], bool]
-RequestHandler = Callable[[ServerConnection, Request], Response | Awaitable[Response | None] | None]
+RequestHandler = Callable[[ServerConnection, Request], Awaitable[Response | None]]
 
 
 @dataclass(frozen=True)
@@ -160,8 +157,9 @@ class SocketGuard:
             response: Response | None = connection.respond(refusal[0], refusal[1] + "\n")
         else:
             path = request.path.removeprefix(f"/{self.token}") if self.token else request.path
-            answer = process_request and process_request(connection, replace(request, path=path or "/"))
-            response = await answer if isawaitable(answer) else answer
+            response = (
+                await process_request(connection, replace(request, path=path or "/")) if process_request else None
+            )
         if response is not None:
             response.headers.update(self._response_headers(request))
         return response
@@ -373,31 +371,3 @@ def format_peer(connection: ServerConnection) -> str:
     """Return the address of a client."""
     peer = connection.remote_address
     return "a client" if not peer else f"{_bracket(str(peer[0]))}:{peer[1]}"
-
-
-_LINES_PER_MINUTE = 20
-"""Most lines that a server logs per minute."""
-_CHARACTERS_PER_LINE = 400
-
-
-def one_line_logger() -> logging.Logger:
-    """Return a logger for one server: a line each and no traceback, and not more than a person can read."""
-    logger, recent = logging.Logger(f"{__name__}.server"), deque[float](maxlen=_LINES_PER_MINUTE)
-    logger.parent = logging.getLogger(__name__)
-
-    def is_worth_a_line(record: logging.LogRecord) -> bool:
-        if record.levelno < logging.WARNING or record.msg == "opening handshake failed":
-            return False  # browsers open connections in advance and drop them
-        if record.exc_info and (failure := record.exc_info[1]) is not None:
-            place = extract_tb(failure.__traceback__)[-1:]
-            where = "".join(f" at {Path(each.filename).name}:{each.lineno}" for each in place)
-            said = " ".join(repr(failure).split())[:_CHARACTERS_PER_LINE]
-            record.msg, record.args = f"{record.getMessage()}: {said}{where}", None
-            record.exc_info = record.exc_text = None
-        if len(recent) == _LINES_PER_MINUTE and record.created - recent[0] < 60:
-            return False
-        recent.append(record.created)
-        return True
-
-    logger.addFilter(is_worth_a_line)
-    return logger

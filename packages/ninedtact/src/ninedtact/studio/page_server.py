@@ -28,12 +28,12 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from ninedtact.live.server_log import one_line_logger
 from ninedtact.live.socket_guard import (
     GuardedConnection,
     SocketGuard,
     format_peer,
     hidden_loopback_address,
-    one_line_logger,
     port_errors,
     relay,
 )

@@ -6,7 +6,7 @@ from threading import Lock
 
 from viser import ClientHandle
 
-from ninedtact.live.socket_guard import one_line_logger
+from ninedtact.live.server_log import one_line_logger
 from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.page_server import PageServer, prepare_page
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
