@@ -34,7 +34,6 @@ def test_a_missing_module_and_another_version_are_named_with_the_command_that_in
         ("foxglove --source 0", "foxglove", "foxglove"),
         ("serve --source 0", "websockets", "stream"),
         ("live --source 0", "viser", "studio"),
-        ("live --source 0 --rerun", "rerun", "rerun"),
         ("play none.mcap", "mcap", "studio"),
         ("simulate dataset --out none --cluster somewhere:8786", "distributed", "cluster"),
     ],

@@ -30,7 +30,7 @@ LINES = [
     pytest.param(words, id=" ".join(words))
     for page in PAGES
     for words in simulated_lines(page)
-    if not {"--page", "--rerun"} & set(words)  # which need a browser, and the Rerun viewer: they are tested with them
+    if "--page" not in words  # which needs a browser, and is tested with one
 ]
 
 

@@ -1,8 +1,5 @@
-"""Recordings and readings in Rerun, read back by its own reader; behind the marker of the doors, where rerun-sdk is installed."""
+"""Recordings in Rerun, read back by its own reader; behind the marker of the doors, where rerun-sdk is installed."""
 
-import os
-import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -12,12 +9,11 @@ import cv2
 import numpy as np
 import pytest
 from episodes import sample
-from small_sensor import SkinCamera, sensor_folder, skin, wait_until
+from small_sensor import SkinCamera, sensor_folder
 
 from ninedtact._version import find_entry_point
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
-from ninedtact.errors import DeviceError
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, sensor_folder_attachments
@@ -29,7 +25,7 @@ pytestmark = pytest.mark.interop
 rr = pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
 from rerun.chunk import RrdReader  # noqa: E402
 
-from ninedtact.interop.rerun import COMPONENTS, RerunViewer, export_rerun  # noqa: E402
+from ninedtact.interop.rerun import COMPONENTS, export_rerun  # noqa: E402
 
 PRESSED, IMAGES, UNKNOWN = 60, 14, 11
 STD = np.arange(1.0, 7.0)
@@ -156,72 +152,6 @@ raise SystemExit(main(["export", {str(recorded)!r}, "--to", "rerun", "--points-e
     assert ended.returncode == 1 and len(said) == 1 and "Traceback" not in ended.stderr
     assert said[0].startswith(f"ninedtact: expected to write {out}, got: File too large; free the disk")
     assert not any(out.parent.iterdir())
-
-
-def test_the_rerun_program_gets_readings_and_a_missing_one_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    monkeypatch.setattr("ninedtact.interop.rerun._VIEWER_ADDRESS", ("127.0.0.1", port))
-    with pytest.raises(DeviceError, match=f"expected the Rerun viewer on port {port}.* --bind 127"):
-        RerunViewer("small").__enter__()
-    folder, images, out = sensor_folder(tmp_path / "small"), tmp_path / "images", tmp_path / "live.rrd"
-    images.mkdir()
-    for number in range(12):
-        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
-    live = f"""
-import ninedtact.interop.rerun
-from ninedtact.cli import main
-ninedtact.interop.rerun._VIEWER_ADDRESS = ("127.0.0.1", {port})
-main("live --source {images} --sensor {folder} --loop --port 0 --rerun".split())
-"""
-    start = [sys.executable, "-m", "rerun_cli", "--save", str(out), "--port", str(port), "--bind", "127.0.0.1"]
-    environment = os.environ | {"RERUN_ANALYTICS": "0"}
-    with subprocess.Popen(start, env=environment, preexec_fn=heed_interrupt) as program:
-        wait_until(lambda: answers(port))
-        with subprocess.Popen([sys.executable, "-c", live], stdout=subprocess.PIPE, text=True) as running:
-            wait_until(lambda: out.exists() and out.stat().st_size > 200_000)
-            running.send_signal(signal.SIGINT)
-            assert "stopped after" in running.communicate(timeout=60)[0]
-        program.send_signal(signal.SIGINT)
-        program.wait(60)
-    found = columns(out)
-    shown = found["/small/image"]["image"]
-    assert len(shown) > 2 and shown == sorted(set(shown)) == found["/small/surface"]["image"]
-    assert len(found["/small/surface"]["Points3D:positions"][0]) == 8 * 10
-
-
-def test_a_viewer_that_takes_nothing_does_not_keep_the_program_from_ending(tmp_path: Path) -> None:
-    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
-    images.mkdir()
-    for number in range(12):
-        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
-    with socket.create_server(("127.0.0.1", 0)) as viewer:  # connections are completed, but nobody reads
-        code = f"""
-import ninedtact
-from ninedtact.interop import rerun
-rerun._VIEWER_ADDRESS, rerun._END_WAIT_S = ("127.0.0.1", {viewer.getsockname()[1]}), 0.5
-with ninedtact.open({str(folder)!r}, source={str(images)!r}, force="none") as sensor, rerun.RerunViewer("small") as shown:
-    for reading in sensor:
-        shown.show(reading)
-print("left")
-"""
-        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
-    assert ended.stdout == "left\n" and "Traceback" not in ended.stderr
-
-
-def heed_interrupt() -> None:
-    """Undo that background jobs of a shell ignore Ctrl-C, which would keep the program from ending."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def answers(port: int) -> bool:
-    try:
-        socket.create_connection(("127.0.0.1", port)).close()
-    except OSError:
-        return False
-    return True
 
 
 def test_one_recording_is_exported_at_a_time_but_for_lerobot_whose_plugin_is_named(

@@ -23,7 +23,7 @@ EXTRAS = {
     "ros2": (("cyclonedds", "rosbags", "mcap"), "ROS 2 topics without ROS: ninedtact ros2"),
     "stream": (("websockets",), "readings for programs in any language: ninedtact serve"),
     "foxglove": (("foxglove", "websockets", "rosbags"), "a sensor in Foxglove: ninedtact foxglove"),
-    "rerun": (("rerun", "rosbags", "mcap"), "recordings and sensors in Rerun: export --to rerun, live --rerun"),
+    "rerun": (("rerun", "rosbags", "mcap"), "recordings in Rerun: export --to rerun"),
     "mujoco": (("mujoco",), "touch in MuJoCo scenes: ninedtact.interop.mujoco"),
     "environments": (
         ("ninedtact_train", "mujoco", "gymnasium"),

@@ -35,7 +35,6 @@ from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import NONE
 from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.required_libraries import require_libraries
 from ninedtact.source_addresses import RECORDING_SUFFIX, SIMULATED, is_recording_address
 
 if TYPE_CHECKING:
@@ -66,15 +65,11 @@ class Live:
     host: PageHostOption = "127.0.0.1"
     port: PagePortOption = None
     allow_origin: PageOriginOption = ()
-    rerun: bool = False
-    """Also send readings to the Rerun viewer that runs on this computer; `rerun` starts it."""
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
         require_page_libraries()
         require_display_rate(self.display_hz)
-        if self.rerun:
-            require_libraries("rerun", "rerun")
         named = self.named_sources()
         with ExitStack() as opened:
             parts = []
@@ -92,9 +87,7 @@ class Live:
                     notify=print_notice,
                 )
                 parts.append(PageSensor(folder, live, name))
-            settings = PageSettings(
-                self.out, self.display_hz, self.host, self.port, self.allow_origin, rerun=self.rerun
-            )
+            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.allow_origin)
             ends = all(address == SIMULATED for address, _ in named.values())
             with suppress(KeyboardInterrupt):
                 serve_sensor_page(parts, settings, ends)

@@ -17,7 +17,6 @@ from ninedtact.required_libraries import require_libraries
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.interop.rerun import RerunViewer
     from ninedtact.live.reading_recorder import ReadingRecorder
     from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.live_sensor import LiveSensor
@@ -41,8 +40,6 @@ class PageSettings:
     """Websites that may use the page besides the page itself."""
     guard: "SocketGuard | None" = None
     """The rules by which requests are accepted; None takes those of the host and the allowed websites."""
-    rerun: bool = False
-    """Whether readings are also sent to the Rerun viewer on this computer."""
     opens_browser: bool = False
     """Whether the page is opened in a browser, where a person sits at a terminal on a computer with a screen."""
 
@@ -80,7 +77,6 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
     with ExitStack() as opened:
         guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
         server = opened.enter_context(page_server(settings.host, settings.port, guard))
-        viewers = _open_rerun(opened, parts) if settings.rerun else [None] * len(parts)
         recorded = [
             RecordedSensorMetadata(
                 part.folder,
@@ -94,10 +90,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
         quota = SaveQuota()
         recorder = quota.new_recorder(recorded, settings.out)
         opened.callback(recorder.stop)
-        shown = [
-            _open_displayed_sensor(opened, part, number, recorder, viewer)
-            for number, (part, viewer) in enumerate(zip(parts, viewers, strict=True))
-        ]
+        shown = [_open_displayed_sensor(opened, part, number, recorder) for number, part in enumerate(parts)]
         controller, first = PageController(shown, settings.out, quota), parts[0].folder
         page = SensorPage(
             server,
@@ -126,9 +119,9 @@ def can_open_browser() -> bool:
 
 
 def _open_displayed_sensor(
-    opened: ExitStack, part: PageSensor, number: int, recorder: "ReadingRecorder", viewer: "RerunViewer | None"
+    opened: ExitStack, part: PageSensor, number: int, recorder: "ReadingRecorder"
 ) -> "DisplayedSensor":
-    """Begin to read a sensor and the true wrench of a twin, for the page, its recorder and the Rerun viewer."""
+    """Begin to read a sensor and the true wrench of a twin, for the page and its recorder."""
     from ninedtact.live.sensor_poller import SensorPoller
     from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
@@ -149,18 +142,9 @@ def _open_displayed_sensor(
         if reading.force is not None:
             histories[-1].add_estimate(reading.force)
         recorder.add(reading, number)
-        if viewer is not None:
-            viewer.show(reading)
 
     press = None if live.simulation is None else TwinPressController(live.simulation)
     return DisplayedSensor(opened.enter_context(SensorPoller(live.sensor, keep)), histories, press, part.name)
-
-
-def _open_rerun(opened: ExitStack, parts: Sequence[PageSensor]) -> "list[RerunViewer | None]":
-    """Return what shows the readings of each sensor in the Rerun viewer until the page is closed."""
-    from ninedtact.interop.rerun import RerunViewer
-
-    return [opened.enter_context(RerunViewer(part.name or part.folder.id)) for part in parts]
 
 
 def require_display_rate(display_hz: float) -> None:

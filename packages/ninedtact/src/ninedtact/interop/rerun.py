@@ -1,4 +1,4 @@
-"""Recordings and running sensors in Rerun: images, decimated surfaces, wrenches with error bands, on timelines in sensor time.
+"""Recordings in Rerun: images, decimated surfaces, wrenches with error bands, on timelines in sensor time.
 
 Entities, each below the name of the sensor:
 
@@ -11,14 +11,9 @@ Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`
 and `image`, the number of the image in its source. Times of logging are not written.
 """
 
-import atexit
-import ctypes
 import os
-import socket
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from queue import Full, Queue
 from threading import Thread
 from types import TracebackType
 from typing import BinaryIO
@@ -31,11 +26,10 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.errors import DeviceError, OutputError
+from ninedtact.errors import OutputError
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.recording.export import require_exportable
-from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic, ros_name
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
@@ -232,76 +226,3 @@ def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], N
     for index, words in warnings:
         log.log_warnings(words, wall_ns(stamps_ns[index]), index)
     return written | {"warnings": len(warnings)}
-
-
-_VIEWER_ADDRESS = ("127.0.0.1", 9876)
-"""Where the Rerun viewer listens."""
-_WAITING_READINGS = 4
-_END_WAIT_S = 5.0
-"""Time that a viewer has at the end to take what it was sent; what it has not taken then is lost to it."""
-
-
-class RerunViewer:
-    """Shows readings in the Rerun viewer on this computer while it is open (`with`), from a thread of its own.
-
-    Readings that the viewer is too slow for are not shown; the sensor is never delayed. A viewer that takes nothing more delays the
-    end by a few seconds.
-    """
-
-    def __init__(self, sensor: str) -> None:
-        self._sensor = sensor
-        self._waiting: Queue[Reading | None] = Queue(_WAITING_READINGS)
-        self._thread = Thread(target=self._run, name="rerun", daemon=True)
-
-    def show(self, reading: Reading) -> None:
-        """Show a reading; returns at once."""
-        with suppress(Full):
-            self._waiting.put_nowait(reading)
-
-    def __enter__(self) -> "RerunViewer":
-        """Connect; raises `DeviceError` where no viewer runs."""
-        host, port = _VIEWER_ADDRESS
-        try:
-            socket.create_connection(_VIEWER_ADDRESS, timeout=2).close()
-        except OSError as refused:
-            raise DeviceError(
-                expected=f"the Rerun viewer on port {port} of this computer",
-                got=f"'{refused}'",
-                remedy="start it with: rerun --bind 127.0.0.1",
-            ) from refused
-        self._stream = rr.RecordingStream("ninedtact")
-        self._stream.connect_grpc(f"rerun+http://{host}:{port}/proxy")
-        self._thread.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        with suppress(Full):
-            self._waiting.put(None, timeout=_END_WAIT_S)
-        self._thread.join(_END_WAIT_S)
-        end = Thread(target=self._stream.disconnect, name="rerun end", daemon=True)
-        end.start()
-        end.join(_END_WAIT_S)
-        if end.is_alive():
-            _abandon(self._stream)
-
-    def _run(self) -> None:
-        log = RerunLog(self._sensor, self._stream)
-        log.log_blueprint()
-        while (reading := self._waiting.get()) is not None:
-            wall_ns = wall_time_ns(reading.stamp_ns)
-            log.log_reading(reading, wall_ns)
-            if reading.force is not None:
-                estimate = reading.force.about_skin_centre()
-                log.log_wrenches("wrench_estimated", np.array([wall_ns]), estimate.wrench.six[None], estimate.std[None])
-            if reading.warnings:
-                log.log_warnings(list(reading.warnings), wall_ns, reading.frame.index)
-
-
-def _abandon(stream: rr.RecordingStream) -> None:
-    """Never free a stream whose viewer takes nothing more.
-
-    Its destructor, and what Rerun runs at the end of the program, would wait for the viewer without end
-    (github.com/rerun-io/rerun/issues/12620).
-    """
-    atexit.unregister(rr.rerun_shutdown)
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
