@@ -149,7 +149,7 @@ def one_short_act() -> list[ObjectTrajectory]:
     return [ObjectTrajectory(Ball(4.0), press_trajectory(Pose(0.0, 0.0, 1.2), (0.6, 0.0), 0.2, pause_s=0.3, speed=2.0))]
 
 
-def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
+def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_its_sensor(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ninedtact.simulation.simulated_sources.demo_press_sequence", one_short_act)
@@ -157,11 +157,7 @@ def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_what_it_showed(
     said = capsys.readouterr().out
     assert "in a browser" in said and "stopped after" in said
     assert "without a terminal the demo ends after one round" in said
-    assert {path.name for path in tmp_path.iterdir()} == {"sensor", "presses.png", "summary.json"}
-    (press,) = json.loads((tmp_path / "summary.json").read_text())["presses"]
-    assert press["object"] == "ball_8mm" and press["true_mm"] == pytest.approx(1.2, abs=0.05)
-    assert press["reconstructed_mm"] == pytest.approx(press["true_mm"], abs=0.15) and press["wrench"]["force_n"][2] < -3
-    assert cv2.imread(str(tmp_path / "presses.png")).shape[1] > 1000
+    assert [path.name for path in tmp_path.iterdir()] == ["sensor"]
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,9 @@ from ninedtact.design import PinBoard
 from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
-from ninedtact.quantities import HeightSource
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.calibration_press_models import pin_board_indenter
 from ninedtact.simulation.ground_truth import (
-    mean_height_error_mm,
     true_height_map,
     true_height_map_like,
     true_pressure_map_mpa,
@@ -92,18 +90,6 @@ def test_the_truth_is_given_on_the_grids_on_which_a_sensor_answers() -> None:
     assert [shear[..., 0].sum(), -pressure.sum()] == pytest.approx([force[0] / 0.05**2, force[2] / 0.05**2], rel=0.01)
     stamped = replace(place, stamp_ns=7)
     assert true_height_map_like(contact, stamped, 0.0).stamp_ns == 7
-
-
-def test_the_height_error_is_that_of_the_indented_skin_in_view() -> None:
-    """A pixel out of view has no height to compare."""
-    true = true_height_map(ScriptedPress(1.0).simulate(TWIN, Ball(4.0)), (60, 80), 0.2)
-    source = np.full(true.z_mm.shape, HeightSource.MEASURED, np.uint8)
-    source[:, 40:] = HeightSource.OUT_OF_VIEW
-    seen = replace(
-        true, z_mm=np.where(source == HeightSource.OUT_OF_VIEW, 0, true.z_mm + np.float32(0.01)), source=source
-    )
-    assert mean_height_error_mm(true, seen) == pytest.approx(0.01, rel=1e-3)
-    assert mean_height_error_mm(true_height_map(TWIN.model.initial_contact(), (60, 80), 0.2), seen) == 0
 
 
 def test_the_board_is_the_designed_one() -> None:

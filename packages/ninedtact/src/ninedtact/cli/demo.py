@@ -1,12 +1,11 @@
 """ninedtact demo: the twin of a sensor, calibrated from its own images, in the browser; no hardware is needed."""
 
-import json
 import sys
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.cli.serve_sensor_page import (
@@ -33,19 +32,14 @@ from ninedtact.live_sensor import assemble_live_sensor
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.simulation.press_figures import ReconstructedPress
-    from ninedtact.simulation.press_sequence import ObjectTrajectory
     from ninedtact.simulation.twin import Twin
-
-STEPS_HZ = 6.0
-"""Rate of the steps of the drawn presses, as coarse as friction allows."""
 
 
 @dataclass(frozen=True)
 class Demo:
     """Show a simulated sensor in the browser, pressed by hand or by a sequence of objects, with its true and its estimated wrench.
 
-    Without a terminal it stops after one round. Results are written to a folder either way.
+    Without a terminal it stops after one round.
     """
 
     sensor: Path | None = None
@@ -54,7 +48,7 @@ class Demo:
     """Design file (TOML) of a sensor that is not built yet; its twin is calibrated and shown."""
     force: ForceOption = PHYSICS
     out: Path = Path("out/demo")
-    """Folder for the sensor folder, images and figures."""
+    """Folder for the sensor folder, and for what is saved from the page."""
     rounds: int | None = None
     """Number of rounds of the press sequence; without it, the demo runs until Ctrl-C at a terminal."""
     display_hz: DisplayRateOption = 30.0
@@ -65,7 +59,7 @@ class Demo:
     allow_origin: PageOriginOption = ()
 
     def run(self) -> int:
-        """Calibrate, reconstruct one press of each object, then show them live."""
+        """Calibrate the twin, then show it."""
         from ninedtact.simulation.simulated_sources import demo_sources
 
         self.require_rounds()
@@ -74,7 +68,6 @@ class Demo:
         require_page_libraries()
         self.out.mkdir(parents=True, exist_ok=True)
         folder = self.folder
-        self.write_summary(self.compare_presses(folder))
         sources = demo_sources(self.twin, self.resolved_rounds)
         live = assemble_live_sensor(folder, sources, follow_reference=False, estimator=self.force)
         settings = PageSettings(
@@ -89,7 +82,7 @@ class Demo:
             print("without a terminal the demo ends after one round; --rounds gives more", flush=True)
         with suppress(KeyboardInterrupt):
             serve_sensor_page([PageSensor(folder, live)], settings)
-        print(f"stopped after {live.sensor.frames_read} images; results are in {self.out}")
+        print(f"stopped after {live.sensor.frames_read} images; the sensor is in {folder.path}")
         return 0
 
     def require_rounds(self) -> None:
@@ -123,45 +116,6 @@ class Demo:
             return load_sensor_with_notices(self.sensor)
         return calibrate_twin_as_sensor(self.twin, self.design, self.out / "sensor")
 
-    def compare_presses(self, folder: "SensorFolder") -> "list[ReconstructedPress]":
-        """Press each object once, and reconstruct its heights from the image."""
-        from tqdm import tqdm
-
-        from ninedtact.simulation.simulated_sources import demo_press_sequence, simulate_reference_frames
-
-        reader = folder.shape.depth_reader(*simulate_reference_frames(self.twin))
-        progress = tqdm(
-            demo_press_sequence(), desc="pressing and reconstructing", unit="object", disable=None, leave=False
-        )
-        return [self.compare_press(act, folder, reader) for act in progress]
-
-    def compare_press(self, act: "ObjectTrajectory", folder: "SensorFolder", reader: Any) -> "ReconstructedPress":
-        """Compare one press at the end of its drag and twist."""
-        from ninedtact.quantities import Frame
-        from ninedtact.simulation.ground_truth import true_height_map_like
-        from ninedtact.simulation.press_figures import ReconstructedPress
-        from ninedtact.simulation.press_sequence import PressSequence
-
-        stage = PressSequence(self.twin, [act], STEPS_HZ, real_time=False)
-        contact = stage.contact(int(act.trajectory.lift_start_s * STEPS_HZ - 1e-6))
-        image = self.twin.renderer(contact, 1)
-        seen = reader(folder.shape.rectify(Frame(image)))
-        true = true_height_map_like(contact, seen, self.twin.renderer.light.inverse_distance_per_mm)
-        return ReconstructedPress(act.indenter.name, image, true, seen, contact.wrench())
-
-    def write_summary(self, answers: "list[ReconstructedPress]") -> None:
-        """Write figure and numbers of all presses, and print a line for each."""
-        from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.simulation.press_figures import plot_presses_beside_reconstructions
-
-        write_file_atomically(self.out / "presses.png", plot_presses_beside_reconstructions(answers))
-        presses = [_comparison_to_json_dict(each) for each in answers]
-        figures = {"sensor": str(self.folder.path), "twin": self.twin.name, "presses": presses}
-        write_file_atomically(self.out / "summary.json", json.dumps(figures, indent=2, ensure_ascii=False).encode())
-        for figure in presses:
-            print("  {object}: {true_mm:.2f} mm deep, reconstructed {reconstructed_mm:.2f} mm".format(**figure))
-        print(f"  figure: {self.out / 'presses.png'}", flush=True)
-
 
 def calibrate_twin_as_sensor(twin: "Twin", design: SensorDesign, out: Path) -> "SensorFolder":
     """Calibrate a twin from its four simulated calibration images, as any other sensor, and save it; prints what is done."""
@@ -174,16 +128,3 @@ def calibrate_twin_as_sensor(twin: "Twin", design: SensorDesign, out: Path) -> "
     folder = save_sensor(out, calibrate(images, design, sensor_id="twin"))
     print(f"  calibrated: {folder.path / 'certificate.html'}", flush=True)
     return folder
-
-
-def _comparison_to_json_dict(answer: "ReconstructedPress") -> dict[str, Any]:
-    """Return the numbers of one press for JSON."""
-    true, seen = answer.peaks_mm
-    wrench = {name: value.tolist() for name, value in asdict(answer.wrench).items() if name != "stamp_ns"}
-    return {
-        "object": answer.name,
-        "true_mm": true,
-        "reconstructed_mm": seen,
-        "mean_error_mm": answer.mean_error_mm,
-        "wrench": wrench,
-    }

@@ -11,9 +11,6 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import HeightMap, HeightSource, skin_grid_mm
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid, grid_indices_at_positions, sample_periodic
 
-PRESSED_MM = 0.05
-"""Indentation from which on an error counts; image noise stays below it."""
-
 
 def true_height_map(
     contact: Contact, shape: tuple[int, int], mm_per_px: float, inverse_distance_per_mm: float = 0.0
@@ -36,12 +33,6 @@ def true_height_map_like(contact: Contact, seen: HeightMap, inverse_distance_per
     """Return the heights that an exact reconstruction would have given, pixel by pixel."""
     true = true_height_map(contact, seen.z_mm.shape, seen.mm_per_px, inverse_distance_per_mm)
     return replace(true, source=seen.source, stamp_ns=seen.stamp_ns)
-
-
-def mean_height_error_mm(true: HeightMap, seen: HeightMap) -> float:
-    """Return the mean absolute error of a reconstruction over the indented skin that is in view; zero without any."""
-    pressed = (true.z_mm < -PRESSED_MM) & true.in_view & seen.in_view
-    return float(np.abs(seen.z_mm - true.z_mm)[pressed].mean()) if pressed.any() else 0.0
 
 
 def true_pressure_map_mpa(contact: Contact, shape: tuple[int, int], mm_per_px: float) -> Float32[Array, "rows cols"]:

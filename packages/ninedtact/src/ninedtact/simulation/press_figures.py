@@ -1,9 +1,8 @@
-"""Figures of simulated presses: one press in full, and several presses beside their reconstructions.
+"""The figure of a simulated press in full.
 
 matplotlib is slow to import, so it is imported when a figure is drawn; its global state is never touched.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
@@ -15,9 +14,8 @@ from numpy import ndarray as Array
 
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.quantities import BgrImage, HeightMap, Wrench
+from ninedtact.quantities import BgrImage, Wrench
 from ninedtact.simulation.ground_truth import (
-    mean_height_error_mm,
     resample_skin_field,
     true_height_map,
     true_pressure_map_mpa,
@@ -233,83 +231,3 @@ def _format_press_wrench(wrench: Wrench) -> list[str]:
     place = ", ".join(f"{part:g}" for part in wrench.about_mm.tolist())
     rows = [f"F_{axis} {f:+8.3f} N    T_{axis} {t:+8.3f} N·mm" for axis, f, t in zip("xyz", force, torque, strict=True)]
     return ["object on skin, torque about", f"({place}) mm:", *(row.replace("-", "\N{MINUS SIGN}") for row in rows)]
-
-
-@dataclass(frozen=True)
-class ReconstructedPress:
-    """One press of a twin, its true heights, and the heights that a sensor reconstructed from its image."""
-
-    name: str
-    image: BgrImage
-    true: HeightMap
-    seen: HeightMap
-    wrench: Wrench
-
-    @property
-    def peaks_mm(self) -> tuple[float, float]:
-        """Maximum indentation, true and reconstructed."""
-        return float(-self.true.z_mm.min()), float(-self.seen.z_mm.min())
-
-    @property
-    def mean_error_mm(self) -> float:
-        """Mean absolute height error where the skin is indented."""
-        return mean_height_error_mm(self.true, self.seen)
-
-
-def plot_presses_beside_reconstructions(presses: Sequence[ReconstructedPress]) -> bytes:
-    """Return a figure of all presses below each other as a PNG file."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(14.6, 2.55 * len(presses)), dpi=DPI, facecolor="white", layout="constrained")
-    rows = figure.subplots(len(presses), 4, squeeze=False, width_ratios=[1, 1, 1, 1.1])
-    deepest, highest = (max(limit(press) for press in presses) for limit in (_lowest_shown_mm, _highest_shown_mm))
-    for (image, true, seen, words), press in zip(rows, presses, strict=True):
-        image.imshow(press.image[..., ::-1])
-        _set_title(image, press.name)
-        for axes, height, title in (
-            (true, press.true, "true height"),
-            (seen, press.seen, "reconstructed from the image"),
-        ):
-            shown = _plot_height_map(axes, height, deepest, highest)
-            _set_title(axes, title)
-        for axes in (image, true, seen):
-            axes.set(xticks=[], yticks=[])
-        figure.colorbar(shown, ax=seen, label="height (mm)")
-        words.axis("off")
-        words.text(
-            0, 0.95, _format_comparison(press), va="top", family="monospace", size=9.5, color=INK, linespacing=1.5
-        )
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
-
-
-def _lowest_shown_mm(press: ReconstructedPress) -> float:
-    """Return the larger maximum indentation of both height maps."""
-    return max(*press.peaks_mm, 0.05)
-
-
-def _highest_shown_mm(press: ReconstructedPress) -> float:
-    """Return the larger bulge of both height maps."""
-    return float(max(press.true.z_mm.max(), press.seen.z_mm.max(), 0.05))
-
-
-def _plot_height_map(axes: "Axes", height: HeightMap, deepest: float, highest: float) -> Any:
-    """Draw heights in colours that are the same in all rows (blue indented, red bulging)."""
-    from matplotlib.colors import TwoSlopeNorm
-
-    return axes.imshow(height.z_mm, cmap="RdBu_r", norm=TwoSlopeNorm(0, -deepest, highest))
-
-
-def _format_comparison(press: ReconstructedPress) -> str:
-    """Return indentations, mean error and wrench as text."""
-    true, seen = press.peaks_mm
-    lines = [
-        f"maximum indentation: true {true:.2f} mm, reconstructed {seen:.2f} mm",
-        f"mean error where indented: {press.mean_error_mm:.3f} mm",
-        "",
-        "true wrench, about the skin's centre",
-    ]
-    pairs = zip("xyz", press.wrench.force_n.tolist(), (1e3 * press.wrench.torque_nm).tolist(), strict=True)
-    lines += [f"F_{axis} {force:+7.2f} N   T_{axis} {torque:+7.2f} N·mm" for axis, force, torque in pairs]
-    return "\n".join(lines).replace(" -", " \N{MINUS SIGN}")
