@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import BgrImage, HeightMap, Wrench
+from ninedtact.shape.surface import max_indentation_mm
 from ninedtact.simulation.ground_truth import (
     mean_height_error_mm,
     resample_skin_field,
@@ -248,7 +249,7 @@ class ReconstructedPress:
     @property
     def peaks_mm(self) -> tuple[float, float]:
         """Maximum indentation, true and reconstructed."""
-        return float(-self.true.z_mm.min()), float(-self.seen.z_mm.min())
+        return max_indentation_mm(self.true), max_indentation_mm(self.seen)
 
     @property
     def mean_error_mm(self) -> float:
