@@ -78,8 +78,7 @@ def deconvolve_gaussian_blur(field: Field, sigma_px: float, floor: float) -> Fie
     spread, inverse = _deconvolution_symbols(rows, cols, round(sigma_px, 6), floor)
     down, right = spread.shape[0] - rows, spread.shape[1] - cols
     padded = cv2.copyMakeBorder(field, down // 2, down - down // 2, right // 2, right - right // 2, cv2.BORDER_REFLECT)
-    data = cv2.dft(padded)
-    data *= spread
+    data = _transform(padded) * spread
     weight, threshold = floor * sigma_px**2, np.float32(_LEAST_STEP / sigma_px)
     sharp = _inverse_transform(data * inverse)
     kept = np.zeros((2, *padded.shape), np.float32)  # b, the part of the gradient that is no edge
@@ -89,12 +88,16 @@ def deconvolve_gaussian_blur(field: Field, sigma_px: float, floor: float) -> Fie
         steepness = cv2.magnitude(gradient[0], gradient[1])
         np.multiply(gradient, threshold / np.maximum(steepness, threshold), out=kept)
         gradient -= 2 * kept
-        transform = cv2.dft(_negative_divergence(gradient))
-        transform *= np.float32(weight)
-        transform += data
-        transform *= inverse
-        sharp = _inverse_transform(transform)
+        edges = _transform(_negative_divergence(gradient))
+        edges *= np.float32(weight)
+        edges += data
+        edges *= inverse
+        sharp = _inverse_transform(edges)
     return np.ascontiguousarray(sharp[down // 2 : down // 2 + rows, right // 2 : right // 2 + cols])
+
+
+def _transform(field: Field) -> Field:
+    return np.asarray(cv2.dft(field), np.float32)
 
 
 def _inverse_transform(transform: Field) -> Field:
