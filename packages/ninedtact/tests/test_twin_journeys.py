@@ -152,7 +152,7 @@ PRESSES_N = {"ball:8": 6, "cylinder:3,11": 6, "punch:3,0.3": 6, "ring_02": 6, "k
 
 @pytest.mark.parametrize("name", PRESSES_N)
 def test_objects_of_all_shapes_are_read_as_deep_as_they_are(physical_sensor: SensorFolder, name: str) -> None:
-    twin, shape, press = default_twin(), physical_sensor.shape, None
+    twin, shape, press = physical_sensor.twin(), physical_sensor.shape, None
     for part in (0.5, 1.0):
         press = twin.press(press, indenter_from_name(name), Pose(0.0, 0.0, 0.1), part * PRESSES_N[name])
     contact = press.corrected
@@ -163,7 +163,7 @@ def test_objects_of_all_shapes_are_read_as_deep_as_they_are(physical_sensor: Sen
     deepest_mm, true_mm = max_indentation_mm(seen), max_indentation_mm(true)
     assert deepest_mm == pytest.approx(true_mm, abs=max(0.05 * true_mm, 0.015))
     assert abs(deepest_mm - true_mm) < 2 * reader.max_indentation_error_mm(deepest_mm)
-    assert np.abs(seen.z_mm - true.z_mm)[true.z_mm < -0.05].mean() < 0.03
+    assert np.abs(seen.z_mm - true.z_mm)[true.z_mm < -0.05].mean() < 0.035
 
 
 def one_short_act() -> list[ObjectTrajectory]:
