@@ -19,9 +19,9 @@ Taken = dict[tuple[str, str], Times]
 TO_HEIGHT, TO_POINTS = "frame → height", "frame → points"
 REQUIRED = {TO_HEIGHT: 15, TO_POINTS: 10}
 PRESSED = ("ball", "board", "ball_reference")
-FAST, RATIO = "physics, fast", "ratio"
-READINGS = "physics", FAST, RATIO
-"""Ours: the default, the same with scattered light left as it is, and the older method."""
+RATIO = "ratio"
+READINGS = "physics", RATIO
+"""Ours: the default, and the older method."""
 
 
 def frame_speed(rounds: int = 100, quick: bool = False, json: bool = False) -> None:
@@ -47,7 +47,6 @@ def original_tasks() -> Tasks:
 
 def our_tasks(reading: str) -> Tasks:
     images, shape = real_sensor("sensor_a", "ratio" if reading == RATIO else "physics")
-    shape = shape.fast() if reading == FAST else shape
     rectify, reader = shape.rectify, shape.depth_reader(Frame(images["ball_reference"]))
     frames = [Frame(images[name]) for name in PRESSED]
     rectified = [rectify(frame) for frame in frames]

@@ -53,7 +53,7 @@ from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact.shape.depth import Deblurring
+from ninedtact.shape.deblurring import Deblurring
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.design_file import hardware_design_to_toml, read_hardware_design

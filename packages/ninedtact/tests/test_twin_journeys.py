@@ -15,7 +15,9 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.export import read_height_png
+from ninedtact.shape.surface import max_indentation_mm
 from ninedtact.simulation.ground_truth import true_height_map_like
+from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import ObjectTrajectory
 from ninedtact.simulation.trajectory import ScriptedPress, press_trajectory
 from ninedtact.simulation.twin import default_twin
@@ -143,6 +145,25 @@ def test_a_calibrated_twin_sees_how_deep_it_is_pressed(twin_sensor: SensorFolder
     assert -0.35 < error.mean() < 0
     deepest = [np.unravel_index(height.z_mm.argmin(), height.z_mm.shape) for height in (seen, true)]
     assert np.abs(np.subtract(*deepest)).max() * seen.mm_per_px < 0.5
+
+
+PRESSES_N = {"ball:8": 6, "cylinder:3,11": 6, "punch:3,0.3": 6, "ring_02": 6, "key_01": 8, "gear_07": 6, "star_04": 8}
+
+
+@pytest.mark.parametrize("name", PRESSES_N)
+def test_objects_of_all_shapes_are_read_as_deep_as_they_are(physical_sensor: SensorFolder, name: str) -> None:
+    twin, shape, press = physical_sensor.twin(), physical_sensor.shape, None
+    for part in (0.5, 1.0):
+        press = twin.press(press, indenter_from_name(name), Pose(0.0, 0.0, 0.1), part * PRESSES_N[name])
+    contact = press.corrected
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(10, 20)))
+    seen = reader(shape.rectify(Frame(twin.renderer(contact, 5))))
+    true = true_height_map_like(contact, seen, twin.renderer.light.inverse_distance_per_mm)
+    assert true.z_mm.min() >= contact.height_mm.min() - 1e-5, "the refined skin is nowhere deeper than the solved one"
+    deepest_mm, true_mm = max_indentation_mm(seen), max_indentation_mm(true)
+    assert deepest_mm == pytest.approx(true_mm, abs=max(0.05 * true_mm, 0.015))
+    assert abs(deepest_mm - true_mm) < 2 * reader.max_indentation_error_mm(deepest_mm)
+    assert np.abs(seen.z_mm - true.z_mm)[true.z_mm < -0.05].mean() < 0.035
 
 
 def one_short_act() -> list[ObjectTrajectory]:

@@ -58,7 +58,7 @@ def change() -> np.ndarray:
     contact = problem_of(UNTOUCHED).model.contact(PRESS)
     sightlines = SightlineGrid(X_MM, Y_MM, PRESS.inverse_distance_per_mm)
     height_mm, thicker_mm = (np.asarray(mm, np.float32) for mm in (contact.height_mm, contact.thickness_change_mm))
-    seen_mm = sightlines.sample(COARSE_PATCH, PRESS.centre_mm, height_mm, thicker_mm, fine=True)
+    seen_mm = sightlines.sample(COARSE_PATCH, PRESS.centre_mm, height_mm, thicker_mm)
     return ndimage.gaussian_filter(LIGHT.brightness_change(seen_mm), PRESS.point_spread_mm / MM_PER_PX)
 
 

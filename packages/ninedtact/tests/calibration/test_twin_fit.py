@@ -154,7 +154,7 @@ def seen_mm(contact: Contact, rectify_shape: tuple[int, int], mm_per_px: float) 
     x, y = skin_grid_mm(rectify_shape, mm_per_px)
     height = np.asarray(contact.height_mm, np.float32)
     return SightlineGrid(x, y, LIGHT.inverse_distance_per_mm).sample(
-        contact.skin.grid, contact.centre_mm, height, height, fine=True
+        contact.skin.grid, contact.centre_mm, height, height
     )
 
 

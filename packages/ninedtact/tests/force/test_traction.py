@@ -37,7 +37,8 @@ from ninedtact.quantities import (
 )
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import Deblurring, DepthCurve, GlobalDimmingModel
+from ninedtact.shape.deblurring import Deblurring
+from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 from ninedtact.simulation.ground_truth import true_height_map
 
 GEL = Gel(finite_strain=0.0, gel_to_base_modulus_ratio=0.0)

@@ -20,7 +20,8 @@ from ninedtact.calibration.sensor_toml_schema import (
     TwinTable,
 )
 from ninedtact.design import Gel, SensorDesign
-from ninedtact.shape.depth import Deblurring, DepthCurve, Smoothing
+from ninedtact.shape.deblurring import Deblurring
+from ninedtact.shape.depth import DepthCurve, Smoothing
 from ninedtact.simulation.twin import default_twin
 
 ROWS, COLS, MM_PER_PX = 480, 640, 0.05

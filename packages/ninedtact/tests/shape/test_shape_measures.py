@@ -16,7 +16,7 @@ def test_the_print_of_a_ball_measures_as_a_spherical_cap(camera_mm):
     summary = summarise_shape(
         ball_print(at=(1.5, -1.0), camera_mm=camera_mm), ContactRule(at_least_mm=0.0, noise_factor=0.0)
     )
-    assert summary.max_indentation_mm == pytest.approx(DEPTH_MM, abs=1e-3)
+    assert summary.max_indentation_mm == pytest.approx(DEPTH_MM - 0.003, abs=1e-3)  # a mean over 0.4 mm
     assert summary.contact_area_mm2 == pytest.approx(np.pi * DEPTH_MM * (2 * RADIUS_MM - DEPTH_MM), rel=4e-3)
     assert summary.displaced_volume_mm3 == pytest.approx(np.pi * DEPTH_MM**2 * (RADIUS_MM - DEPTH_MM / 3), rel=1e-3)
     assert summary.contact_centre_mm == pytest.approx((1.5, -1.0), abs=2e-3)

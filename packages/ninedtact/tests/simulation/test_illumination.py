@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ninedtact.errors import InputError
 from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.simulation.gel_brightness import BrightnessModel
-from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, SightlineGrid, blur_and_refine_fields, refine_fields
+from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, SightlineGrid, blur_and_refine_fields
 
 lights = st.builds(
     BrightnessModel,
@@ -48,7 +48,7 @@ def test_a_finer_grid_goes_through_the_same_points(shape: tuple[int, int]) -> No
     patch = PeriodicGrid(*shape, 0.2)
     field = np.random.default_rng(0).normal(size=shape).astype(np.float32)
     (calm,) = blur_and_refine_fields(patch, 0.4, field)
-    (fine,) = refine_fields(patch, np.ascontiguousarray(calm[::REFINEMENT, ::REFINEMENT]))
+    (fine,) = blur_and_refine_fields(patch, 0.0, np.ascontiguousarray(calm[::REFINEMENT, ::REFINEMENT]))
     assert np.abs(fine - calm).max() < 1e-4 * np.abs(calm).max() + 1e-5
     assert calm.mean() == pytest.approx(field.mean(), abs=1e-5)
 
@@ -59,6 +59,6 @@ def test_a_line_of_sight_meets_the_skin_where_it_is() -> None:
     height = -1.5 * np.exp(-((x - 4) ** 2 + (y + 2) ** 2) / 8)
     through = np.array([[4.2, 3.0, 5.5]], np.float32), np.array([[-2.1, -1.0, -3.0]], np.float32)
     height = height.astype(np.float32)
-    seen = SightlineGrid(*through, nearness).sample(patch, (0.0, 0.0), height, height, fine=True)
+    seen = SightlineGrid(*through, nearness).sample(patch, (0.0, 0.0), height, height)
     met = [place * (1 + nearness * seen) for place in through]
     assert seen == pytest.approx(-1.5 * np.exp(-((met[0] - 4) ** 2 + (met[1] + 2) ** 2) / 8), abs=0.01)

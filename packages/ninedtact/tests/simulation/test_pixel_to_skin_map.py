@@ -8,7 +8,7 @@ import torch
 
 from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.skin import PeriodicGrid
-from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, refine_fields, zero_pad_spectrum
+from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, blur_and_refine_fields, zero_pad_spectrum
 
 GRIDS = [PeriodicGrid(rows, cols, 0.2) for rows, cols in product((9, 10, 12), (11, 12, 15))]
 
@@ -17,7 +17,7 @@ GRIDS = [PeriodicGrid(rows, cols, 0.2) for rows, cols in product((9, 10, 12), (1
 def test_a_refined_field_goes_through_the_coarse_one(grid: PeriodicGrid) -> None:
     """All waves of a random field are present, also the highest one of an even side."""
     field = np.random.default_rng(0).standard_normal(grid.shape).astype(np.float32)
-    (fine,) = refine_fields(grid, field)
+    (fine,) = blur_and_refine_fields(grid, 0.0, field)
     assert fine[::REFINEMENT, ::REFINEMENT] == pytest.approx(field, abs=1e-5)
     shape = (grid.rows * REFINEMENT, grid.cols * REFINEMENT)
     wave = zero_pad_spectrum(forward_transform(torch.from_numpy(field), grid.shape), grid)
@@ -27,7 +27,7 @@ def test_a_refined_field_goes_through_the_coarse_one(grid: PeriodicGrid) -> None
 def test_rows_and_columns_are_refined_alike() -> None:
     field = np.random.default_rng(0).standard_normal((10, 12)).astype(np.float32)
     (fine,), (turned,) = (
-        refine_fields(PeriodicGrid(10, 12, 0.2), field),
-        refine_fields(PeriodicGrid(12, 10, 0.2), field.T),
+        blur_and_refine_fields(PeriodicGrid(10, 12, 0.2), 0.0, field),
+        blur_and_refine_fields(PeriodicGrid(12, 10, 0.2), 0.0, field.T),
     )
     assert pytest.approx(fine, abs=1e-5) == turned.T

@@ -98,7 +98,7 @@ def test_pressed_skin_is_seen_displaced_outwards() -> None:
     contact = ScriptedPress(1.5, at_mm=(7.0, 0.0)).simulate(TWIN, Ball(4.0))
     place, seen = (true_height_map(contact, (1, 401), 0.05, nearness) for nearness in (0.0, 0.05))
     x_place, x_seen = (float(height.axes_mm[0][height.z_mm[0].argmin()]) for height in (place, seen))
-    assert x_place == pytest.approx(7.0, abs=0.06)
+    assert x_place == pytest.approx(7.0, abs=0.11)  # half a cell of the simulated skin
     # The line of sight through P meets the skin at P(1 + z/D): what is 1.5 mm deep at 7 mm is seen at 7/(1 − 1.5 · 0.05).
     assert x_seen == pytest.approx(7.0 / (1 - 1.5 * 0.05), abs=0.12)
     assert seen.camera_distance_mm == 20 and np.isinf(place.camera_distance_mm)

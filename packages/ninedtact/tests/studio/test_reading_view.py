@@ -67,7 +67,7 @@ def test_the_block_of_gel_is_as_large_as_what_the_camera_sees() -> None:
     texts = {mark.text: mark.at_mm for mark in block.marks()}
     assert {"\N{MINUS SIGN}10", "0", "5", "\N{MINUS SIGN}2", "x (mm)", "z (mm)"} <= set(texts)
     assert texts["\N{MINUS SIGN}2"][2] == -2
-    assert full_range_colour_scale(SHAPE.curve) == ColourScale(2.0, 2.0)
+    assert full_range_colour_scale(SHAPE) == ColourScale(2.0, 2.0)
 
 
 def test_a_press_deeper_than_the_curve_is_shown_as_a_lower_limit() -> None:

@@ -137,7 +137,7 @@ NEWEST = PageMoment((SensorMoment(SensorStatusMessage("live", "now"), NO_READING
 
 def player_of(path: Path, bench: Bench) -> RecordingPlayer:
     shape = bench.folder.shape
-    recorded = RecordedSensor(path, shape, full_range_colour_scale(shape.curve), [bench.true, bench.estimated])
+    recorded = RecordedSensor(path, shape, full_range_colour_scale(shape), [bench.true, bench.estimated])
     return RecordingPlayer([recorded])
 
 
@@ -509,7 +509,7 @@ def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded:
 
 def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
     path, bench = recorded
-    scale, shape = full_range_colour_scale(bench.folder.shape.curve), bench.folder.shape
+    scale, shape = full_range_colour_scale(bench.folder.shape), bench.folder.shape
     with RecordedReadings(path, shape) as readings:
         assert save_surface_sequence(readings.readings(2, 4), tmp_path / "ply", bench.quota) == 3
         assert len(list((tmp_path / "ply").glob("*.ply"))) == 3

@@ -311,7 +311,7 @@ def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other
     sensors = [f"{name}={folder}" for name in ("left", "right")]
     assert main(["record", "--source", *sources, "--sensor", *sensors, "--out", str(path)]) == 0
     shape, addresses = load_sensor(folder).shape, [Path(address) for address in recorded_sensor_addresses(path)]
-    newest, scale = PageMoment((moment_with("", 0.0, 0.1),)), full_range_colour_scale(shape.curve)
+    newest, scale = PageMoment((moment_with("", 0.0, 0.1),)), full_range_colour_scale(shape)
     player = RecordingPlayer([RecordedSensor(address, shape, scale) for address in addresses])
     player.seek(1e9)
     left, other = player.moment(newest).sensors

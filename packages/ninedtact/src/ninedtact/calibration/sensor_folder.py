@@ -66,7 +66,7 @@ class SensorFolder:
     """One sensor's folder, read and checked.
 
     >>> folder = ninedtact.load_sensor("my_sensor")
-    >>> folder.shape.curve.max_indentation_mm > 1  # the depth range in mm
+    >>> folder.shape.depth_range_mm > 1
     True
     """
 
@@ -102,7 +102,7 @@ class SensorFolder:
     @cached_property
     def shape(self) -> CalibratedShape:
         """The calibrated path from a camera frame to a height map."""
-        depth = self.depth
+        depth, certificate = self.depth, self.record.certificate
         return CalibratedShape(
             self.rectification,
             depth.curve,
@@ -113,6 +113,7 @@ class SensorFolder:
             depth.deblurring,
             None if self.record.twin is None else BaseDeflection(self.record.twin.gel, depth.base_stiffening),
             (EstimateWarning.CALIBRATION_EDITED,) if self.is_edited else (),
+            None if certificate is None or certificate.ball is None else certificate.ball.range_mm,
         )
 
     @property

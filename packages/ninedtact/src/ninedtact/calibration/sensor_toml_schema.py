@@ -14,7 +14,8 @@ from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.mechanics.base_deflection import STIFFENING
-from ninedtact.shape.depth import Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
+from ninedtact.shape.deblurring import Deblurring
+from ninedtact.shape.depth import DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens_and_rectification import (
     CameraRotation,
     LensModel,

@@ -5,7 +5,7 @@ curve: a `DepthReader` turns rectified images into height maps.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -16,16 +16,15 @@ from numpy import ndarray as Array
 from ninedtact.errors import CalibrationError
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified
+from ninedtact.shape.deblurring import Deblurring, block_means, upsample
 from ninedtact.shape.depth import (
     DIMMEST_REFERENCE,
     FINE_SMOOTHING,
     TABLE_STEPS,
     ZERO_INDEX,
-    Deblurring,
     DepthCurve,
     GlobalDimmingModel,
     Smoothing,
-    upsample,
 )
 from ninedtact.shape.lens_and_rectification import Rectification
 
@@ -36,6 +35,10 @@ MIN_LIT_GREY_LEVEL = 15.0
 _MAX_UNSTEADINESS = 0.1
 """Largest relative difference of the mean brightness between the images of one reference; light that is being switched on changes
 by more."""
+_SHAPE_ERROR_MM = 0.012
+"""What edges, strokes and teeth of objects that are not balls add to the error of the maximum indentation
+(`benchmarks/reconstruction_study.py`). Threads finer than two point spreads are not resolved, and their crests are read too
+shallow by more than this."""
 _KEPT_BYTES = 31 << 20
 """Size in bytes, just below the 32 MiB above which glibc no longer adapts its threshold (mallopt(3), M_MMAP_THRESHOLD)."""
 
@@ -59,9 +62,11 @@ class DepthReader:
     camera_distance_mm: float = np.inf
     loss: GlobalDimmingModel = GlobalDimmingModel()
     deblurring: Deblurring | None = None
-    """Given for `fine` reading; without it, reading is `fast`."""
+    """The removal of the point spread of this sensor's light; None where the calibration does not determine it."""
     base_deflection: BaseDeflection | None = None
     """The deflection of the gel's base, which is added to the thinning that the curve gives; None where it is not known."""
+    depth_per_thinning: float = 1.0
+    """Depth of the press that calibrated the curve over the thinning at its end; above one on a base that yields."""
     reference_faults: tuple[str, ...] = ()
     """Why the reference image cannot be that of the calibrated sensor; empty where it can, or where this was not checked."""
 
@@ -106,12 +111,12 @@ class DepthReader:
 
     def _index_on_computed_grid(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "few_rows few_cols"]:
         """Return the table index on the grid on which heights are looked up: after deblurring a coarser one."""
-        lost = self.loss(grey, self.reference.grey)
         if self.deblurring is None:
+            lost = self.loss(grey, self.reference.grey)
             return self.quantise(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
-        ratio = np.asarray(cv2.multiply(grey, self.per_reference, scale=1 / (1 + lost)))
-        change = self.deblurring.on_coarser_grid(ratio, self.reference.mm_per_px)
-        steps = TABLE_STEPS["ratio"]
+        ratio = block_means(grey, self._coarseness) * self._per_coarse_reference
+        ratio *= np.float32(1 / (1 + self.loss.loss_of(ratio)))
+        change, steps = self.deblurring(ratio, self.reference.mm_per_px), TABLE_STEPS["ratio"]
         return np.asarray(cv2.addWeighted(change, steps, change, 0, ZERO_INDEX - steps, dtype=cv2.CV_16U))
 
     def _on_image_grid(self, field: Shaped[Array, "few_rows few_cols"]) -> Shaped[Array, "rows cols"]:
@@ -128,11 +133,20 @@ class DepthReader:
         """The reciprocal of the reference image, whose darkest pixels are raised to `DIMMEST_REFERENCE`."""
         return 1 / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
 
+    @cached_property
+    def _per_coarse_reference(self) -> Float32[Array, "few_rows few_cols"]:
+        """The reciprocal of the reference image on the coarser grid."""
+        return 1 / np.maximum(block_means(self.reference.grey, self._coarseness), np.float32(DIMMEST_REFERENCE))
+
     def error_mm(self, indentation_mm: float) -> float:
         """Return the standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""
-        _, knots_mm, error_mm = self.curve.pressed
-        scatter = np.interp(indentation_mm, knots_mm, error_mm)
+        _, thinning_mm, error_mm = self.curve.pressed
+        scatter = np.interp(indentation_mm / self.depth_per_thinning, thinning_mm, error_mm)
         return float(np.hypot(scatter, self.noise_mm))
+
+    def max_indentation_error_mm(self, indentation_mm: float) -> float:
+        """Return the standard deviation of the maximum indentation of a height map (`surface.max_indentation_mm`)."""
+        return float(np.hypot(self.error_mm(indentation_mm), _SHAPE_ERROR_MM))
 
     def quantise(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
         """Return the signed signal as an index into the curve's table, rounded and saturated at its ends."""
@@ -178,10 +192,13 @@ class CalibratedShape:
     """The deflection of the gel's base; None where the calibration does not determine the gel."""
     warnings: tuple[EstimateWarning, ...] = ()
     """Reasons to distrust everything that is measured with this calibration; every reading carries them."""
+    range_mm: float | None = None
+    """Depth to which the curve is calibrated; None where the curve gives depth itself."""
 
-    def fast(self) -> "CalibratedShape":
-        """Return the same sensor without deblurring: faster, and three times less accurate (docs/accuracy.md)."""
-        return replace(self, deblurring=None)
+    @property
+    def depth_range_mm(self) -> float:
+        """Depth to which the curve is calibrated. On a base that yields it is more than the thinning at the curve's end."""
+        return self.curve.max_indentation_mm if self.range_mm is None else self.range_mm
 
     def depth_reader(self, *references: Frame, find_faults: FindReferenceFaults = lambda _: ()) -> DepthReader:
         """Return a depth reader for the reference image of this session, the mean of one or more frames, with its faults; raises
@@ -203,6 +220,7 @@ class CalibratedShape:
             self.loss,
             self.deblurring,
             self.base_deflection,
+            self.depth_range_mm / self.curve.max_indentation_mm if self.curve.max_indentation_mm > 0 else 1.0,
             faults,
         )
 

@@ -6,109 +6,30 @@ quantised finely and converted to height by one look-up table.
 
 Where the calibration provides them, two corrections precede the look-up. `GlobalDimmingModel` estimates, from the image itself,
 the light that the whole image loses when a part of the skin is dark, and adds it back. `Deblurring` sharpens the brightness field
-by the known point spread of scattered light, by Wiener deconvolution (Wiener 1949, docs/references.md) on a grid that is no finer.
+by the known point spread of scattered light.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Annotated, Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Shaped, UInt16
+from jaxtyping import Float, Float32, UInt16
 from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
-
-_DFT_SIDE_FACTOR = 8
-"""Sides of transformed fields are multiples of it, for which the transform is fastest."""
-_MIN_POINTS_PER_SPREAD = 2.5
-"""Smallest number of points of the coarser grid in one standard deviation of the point spread."""
-_MAX_COARSENESS = 3
-
-
-@dataclass(frozen=True)
-class Deblurring:
-    """Wiener deconvolution of the brightness by its Gaussian point spread."""
-
-    point_spread_mm: Annotated[float, Meta(ge=0.01, le=5)]
-    """Standard deviation of the point spread."""
-    floor: Annotated[float, Meta(ge=1e-4, le=1)] = 0.03
-    """Power of noise relative to signal; detail that scattering has attenuated below this level is not restored."""
-
-    def coarseness(self, mm_per_px: float) -> int:
-        """Return the pixels along one side of a point of the coarser grid; it resolves the point spread, and nothing is finer."""
-        return int(np.clip(self.point_spread_mm / mm_per_px / _MIN_POINTS_PER_SPREAD, 1, _MAX_COARSENESS))
-
-    def on_coarser_grid(
-        self, field: Float32[Array, "rows cols"], mm_per_px: float
-    ) -> Float32[Array, "few_rows few_cols"]:
-        """Return the field as it was before scattering, on the coarser grid. Its last row and column may reach beyond the field;
-        beyond its border the field is taken as mirrored.
-        """
-        coarseness = self.coarseness(mm_per_px)
-        few = _block_means(field, coarseness)
-        return deconvolve_gaussian_blur(few, self.point_spread_mm / mm_per_px / coarseness, self.floor)
-
-
-def _block_means(field: Float32[Array, "rows cols"], side: int) -> Float32[Array, "few_rows few_cols"]:
-    """Return the means of square blocks; rows and columns that are missing in the last ones repeat the border."""
-    rows, cols = field.shape
-    whole = cv2.copyMakeBorder(field, 0, -rows % side, 0, -cols % side, cv2.BORDER_REPLICATE)
-    # With whole blocks, OpenCV computes these means ten times faster than with parts of pixels.
-    return np.asarray(cv2.resize(whole, (whole.shape[1] // side, whole.shape[0] // side), interpolation=cv2.INTER_AREA))
-
-
-def upsample(
-    field: Shaped[Array, "few_rows few_cols"], shape: tuple[int, ...], fineness: int
-) -> Shaped[Array, "rows cols"]:
-    """Return a field on a grid of this shape that is finer by a whole factor, by cubic interpolation."""
-    rows, cols = field.shape
-    fine = cv2.resize(field, (cols * fineness, rows * fineness), interpolation=cv2.INTER_CUBIC)
-    return np.ascontiguousarray(fine[: shape[0], : shape[1]])
-
-
-def deconvolve_gaussian_blur(
-    field: Float32[Array, "rows cols"], sigma_px: float, floor: float
-) -> Float32[Array, "rows cols"]:
-    """Return the field deblurred on its own grid."""
-    rows, cols = field.shape
-    gain = wiener_deconvolution_filter(rows, cols, round(sigma_px, 6), floor)
-    down, right = gain.shape[0] - rows, gain.shape[1] - cols
-    padded = cv2.copyMakeBorder(field, down // 2, down - down // 2, right // 2, right - right // 2, cv2.BORDER_REFLECT)
-    transform = cv2.dft(padded, dst=padded)
-    transform *= gain
-    sharp = cv2.dft(transform, dst=transform, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
-    return np.ascontiguousarray(sharp[down // 2 : down // 2 + rows, right // 2 : right // 2 + cols])
-
-
-@lru_cache(maxsize=8)
-def wiener_deconvolution_filter(rows: int, cols: int, sigma_px: float, floor: float) -> Float32[Array, "tall wide"]:
-    """Return the factor of the padded field's transform, G/(G² + floor), normalised to one for the mean.
-
-    It is arranged as `cv2.dft` packs the transform of a real field, whose size is even here. Real and imaginary parts of one
-    frequency are neighbours in a row, and in the first and last columns, which hold the frequencies 0 and 1/2, in the column.
-    """
-    reach = int(np.ceil(3 * sigma_px))
-    tall, wide = (
-        _DFT_SIDE_FACTOR * cv2.getOptimalDFTSize(-(-(side + reach) // _DFT_SIDE_FACTOR)) for side in (rows, cols)
-    )
-    ky = np.repeat(np.abs(np.fft.fftfreq(tall))[:, None], wide, axis=1)
-    ky[:, [0, -1]] = ((np.arange(tall) + 1) // 2 / tall)[:, None]
-    kx = (np.arange(wide) + 1) // 2 / wide
-    spread = np.exp(-2 * (np.pi * sigma_px) ** 2 * (kx**2 + ky**2))
-    return np.asarray(spread * (1 + floor) / (spread**2 + floor), np.float32)
-
+from ninedtact.shape.deblurring import block_means
 
 TYPICAL_GLOBAL_DIMMING = 0.7
 """Relative light lost everywhere per mean darkening of the view, from eight real sensors of five laboratories."""
 TYPICAL_POINT_SPREAD_MM = 0.55
 """Standard deviation of the point spread of the same eight sensors."""
-_SAMPLING_STRIDE_PX = 5
-"""Every how many rows and columns the mean darkening is sampled; darkening is smooth enough for that."""
-_MIN_DARKENING = 0.02
-"""Relative darkening above which a pixel counts as dark; three standard deviations of a pixel's noise with some drift are less."""
+_SAMPLING_SIDE_PX = 4
+"""Side of the blocks of which the darkening is averaged; darkening is smooth enough for that, and the noise of a mean is small."""
+_MIN_DARKENING = 0.012
+"""Relative darkening above which a block counts as dark; noise with some drift is less."""
 _DIMMING_ITERATIONS = 4
 """Number of times that the loss is subtracted and the darkening averaged again; each reduces the error to a fifth or less."""
 
@@ -122,10 +43,12 @@ class GlobalDimmingModel:
 
     def __call__(self, grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]) -> float:
         """Return c of this image, zero or below; it is exactly zero where nothing is noticeably dark."""
-        if self.global_dimming == 0:
-            return 0.0
-        brightness, loss = _sample_relative_brightness(grey, reference), 0.0
-        for _ in range(_DIMMING_ITERATIONS):
+        return self.loss_of(_sample_relative_brightness(grey, reference)) if self.global_dimming else 0.0
+
+    def loss_of(self, brightness: Float32[Array, "few_rows few_cols"]) -> float:
+        """Return c, given the mean brightness of blocks of pixels relative to the reference image."""
+        loss = 0.0
+        for _ in range(_DIMMING_ITERATIONS if self.global_dimming else 0):
             loss = -self.global_dimming * _mean_noticed_darkening(brightness, loss)
         return loss
 
@@ -140,13 +63,12 @@ def mean_view_darkening(
 def _sample_relative_brightness(
     grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]
 ) -> Float32[Array, "few_rows few_cols"]:
-    """Return the brightness relative to the reference image at every few rows and columns."""
-    few = np.s_[::_SAMPLING_STRIDE_PX, ::_SAMPLING_STRIDE_PX]
-    return np.asarray(grey[few] / np.maximum(reference[few], 1))
+    """Return the mean brightness of blocks relative to that of the reference image."""
+    return block_means(grey, _SAMPLING_SIDE_PX) / np.maximum(block_means(reference, _SAMPLING_SIDE_PX), 1)
 
 
 def _mean_noticed_darkening(brightness: Float32[Array, "few_rows few_cols"], loss: float) -> float:
-    """Return the mean darkening after the loss is subtracted, of the pixels that are noticeably dark."""
+    """Return the mean darkening after the loss is subtracted, of the blocks that are noticeably dark."""
     darkening = cv2.addWeighted(brightness, -1 / (1 + loss), brightness, 0, 1)
     return float(cv2.mean(cv2.threshold(darkening, _MIN_DARKENING, 0, cv2.THRESH_TOZERO, dst=darkening)[1])[0])
 
@@ -311,5 +233,5 @@ class Smoothing:
         return np.asarray(cv2.GaussianBlur(field, (side, side), self.combined_px, borderType=cv2.BORDER_REPLICATE))
 
 
-FINE_SMOOTHING = Smoothing(2.5, 2.5)
-"""Smoothing after deblurring, which raises the noise; 0.18 mm, still far narrower than the point spread that was removed."""
+FINE_SMOOTHING = Smoothing(2.0, 2.0)
+"""Smoothing after deblurring, which raises the noise; 0.14 mm, far narrower than the point spread that was removed."""

@@ -20,6 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud, skin_grid_mm
+from ninedtact.shape.deblurring import block_means
 
 Grid = Float32[Array, "rows cols"]
 
@@ -271,19 +272,30 @@ def contact_mask(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[A
     return np.asarray(touched[number])
 
 
+_PATCH_MM = 0.4
+"""Side of the patches over which extremes are averaged; scattered light shows nothing smaller."""
+
+
 def max_indentation_mm(height: HeightMap) -> float:
-    """Return the deepest indentation of a height map, 0 where nothing is indented."""
+    """Return the maximum indentation, the mean over the deepest square patch of about 0.4 mm; 0 where nothing is indented.
+
+    The deepest single pixel is the deepest by its noise. Under a ball of 4 mm radius the mean is 3 µm less than its lowest point.
+    """
     return max(0.0, -_extremes_mm(height)[0])
 
 
 def max_bulge_mm(height: HeightMap) -> float:
-    """Return the maximum height of bulges in view, 0 where nothing bulges."""
+    """Return the maximum height of bulges in view, a mean over a patch as well; 0 where nothing bulges."""
     return max(0.0, _extremes_mm(height)[1])
 
 
 def _extremes_mm(height: HeightMap) -> tuple[float, float]:
-    """Return the lowest and the highest height in view, which OpenCV finds ten times faster than numpy; zeros without a view."""
-    return cv2.minMaxLoc(height.z_mm, height.in_view.view(np.uint8))[:2]
+    """Return the lowest and the highest mean over patches that overlap by half; what is out of view counts as undeformed."""
+    z_mm, in_view = height.z_mm, height.in_view
+    half = max(min(round(_PATCH_MM / 2 / height.mm_per_px), min(z_mm.shape) // 2), 1)
+    halves = block_means(z_mm if in_view.all() else np.where(in_view, z_mm, np.float32(0)), half)
+    whole = cv2.blur(halves, (2, 2), borderType=cv2.BORDER_REPLICATE)
+    return cv2.minMaxLoc(whole)[:2]
 
 
 def _weighted_centre_mm(

@@ -22,7 +22,7 @@ def true_height_map(
     """
     sight = SightlineGrid(*skin_grid_mm(shape, mm_per_px), inverse_distance_per_mm)
     height_mm = to_numpy(contact.height_mm).astype(np.float32)
-    z_mm = sight.sample(contact.skin.grid, contact.centre_mm, height_mm, height_mm, fine=True)
+    z_mm = sight.sample(contact.skin.grid, contact.centre_mm, height_mm, height_mm)
     source = np.full(shape, HeightSource.MEASURED, np.uint8)
     return HeightMap(
         z_mm, source, mm_per_px, camera_distance_mm=1 / inverse_distance_per_mm if inverse_distance_per_mm else np.inf

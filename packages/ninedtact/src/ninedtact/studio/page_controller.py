@@ -230,7 +230,7 @@ class PageController:
     ) -> None:
         """recheck_s: longest time between two refreshes while no new reading arrives."""
         self.sensors, self.out, self.quota, self._recheck_s = tuple(sensors), out, quota or SaveQuota(), recheck_s
-        scales = [full_range_colour_scale(one.poller.sensor.shape.curve) for one in self.sensors]
+        scales = [full_range_colour_scale(one.poller.sensor.shape) for one in self.sensors]
         self.scale: ColourScale = max(scales, key=lambda scale: scale.pressed_mm)
         """The colours of the heights of all sensors."""
         self._changed, self._page_ms = Event(), dict[str, float]()

@@ -18,8 +18,8 @@ from ninedtact.force.brightness_channels import compute_image_deformation, rende
 from ninedtact.mechanics.contact_arrays import to_numpy
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
-from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.orthorectification import find_pixels_of_skin_places, sample_field
 from ninedtact.shape.surface import ShapeSummary, point_cloud, sightline_scale, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
@@ -298,9 +298,10 @@ def sensor_tiles(
     return np.vstack(pairs)
 
 
-def full_range_colour_scale(curve: DepthCurve) -> ColourScale:
-    """Return the colour scale of a session, symmetric about zero, which spans the whole calibrated range."""
-    deepest_mm = max(round(curve.max_indentation_mm, 1), 0.1, round(curve.bulge_mm[-1], 1) if curve.bulge_mm else 0.0)
+def full_range_colour_scale(shape: CalibratedShape) -> ColourScale:
+    """Return the colour scale of a session, symmetric about zero, which spans the whole calibrated range of depth."""
+    bulge_mm = shape.curve.bulge_mm
+    deepest_mm = max(round(shape.depth_range_mm, 1), 0.1, round(bulge_mm[-1], 1) if bulge_mm else 0.0)
     return ColourScale(deepest_mm, deepest_mm)
 
 

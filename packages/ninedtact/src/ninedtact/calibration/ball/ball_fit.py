@@ -31,12 +31,12 @@ from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, f
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage
+from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
     TABLE_STEPS,
     BrightnessSignal,
     CurveContinuation,
-    Deblurring,
     DepthCurve,
     DepthMethod,
     GlobalDimmingModel,
@@ -208,8 +208,10 @@ _MAX_BULGE_MM = 1.0
 """Largest height that the curve of bulges covers."""
 _STIFFENING_BOUNDS = 0.0, 4.0
 """Range of the factor on the stiffening of the base (`BaseDeflection.stiffening`)."""
-_NOISE_FLOORS = (0.01, 0.03, 0.1)
-"""The noise floors of the deblurring that are tried, from sharp to smooth; the one that reconstructs the ball best is taken."""
+_FLOORS = (0.01, 0.03, 0.1)
+"""The floors of the deblurring that are tried, from sharp to smooth."""
+_SHARPNESS_COST_MM = 0.003
+"""Error of the ball's reconstruction that a sharper one may add. A ball is smooth and gains nothing from sharpness; edges do."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +240,7 @@ class TwinBallFit(BallFit):
         x, y = self.twin_fit.problem.observed.positions_mm
         height_mm = np.asarray(self.twin_fit.contact.height_mm, np.float32)
         sightlines = SightlineGrid(x, y, self.twin_fit.light.inverse_distance_per_mm)
-        return sightlines.sample(PATCH, self.twin_fit.press.centre_mm, height_mm, field, fine=True)
+        return sightlines.sample(PATCH, self.twin_fit.press.centre_mm, height_mm, field)
 
     @cached_property
     def base_deflection(self) -> BaseDeflection:
@@ -277,13 +279,17 @@ class TwinBallFit(BallFit):
 
     @cached_property
     def deblurring(self) -> Deblurring:
-        """The removal of the point spread, with the noise floor that reconstructs this ball best."""
+        """The removal of the point spread: the sharpest that reconstructs this ball nearly as well as any."""
         blur_mm = self.twin_fit.problem.observed.blur_mm
         sigma_mm = np.sqrt(max(self.twin_fit.light.point_spread_mm**2 - blur_mm**2, 0))
-        candidates = [Deblurring(float(sigma_mm), floor) for floor in _NOISE_FLOORS]
-        return min(
-            candidates,
-            key=lambda candidate: self.reading_error_mm(self.press_reader(self._model_curve, candidate), self.disc),
+        candidates = [Deblurring(float(sigma_mm), floor) for floor in _FLOORS]
+        errors_mm = [
+            self.reading_error_mm(self.press_reader(self._model_curve, each), self.disc) for each in candidates
+        ]
+        return next(
+            each
+            for each, error_mm in zip(candidates, errors_mm, strict=True)
+            if error_mm <= min(errors_mm) + _SHARPNESS_COST_MM
         )
 
     @cached_property

@@ -30,7 +30,8 @@ from ninedtact.design import BallGauge
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader
-from ninedtact.shape.depth import BrightnessSignal, Deblurring, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
+from ninedtact.shape.deblurring import Deblurring
+from ninedtact.shape.depth import BrightnessSignal, DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 
 
