@@ -119,7 +119,7 @@ def sensor_kinds(sensor: Path, folder: Path) -> Iterator[tuple[str, Kind]]:
     scaled = folder / "scaled"
     shutil.copytree(sensor, scaled)
     physics = ninedtact.load_sensor(sensor).estimator("physics")
-    write_force_scale(scaled, physics, ForceScale(1.08, -0.05, 2.1, 0.04, 5))
+    write_force_scale(scaled, physics, ForceScale(1.08, 0.04, 5))
     weighed = commands(f"estimate --sensor {scaled} --reference {reference} --json {ball}")
     yield "force.toml", Kind(scaled / "force.toml", weighed, damaged_text)
     delay = write_camera_delay(folder, CameraDelay(42.1, 1.3, "camera usb:1-2", 29.9, 0.98))

@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from ninedtact.calibration.force_calibration import STANDARD_GRAVITY, UnscaledForceReader
+from ninedtact.calibration.force_calibration import STANDARD_GRAVITY, KnownLoadCalibration
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_on_base import load_on_calibration_ball_n
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import simulated_loaded_camera
 from ninedtact.cli.estimate import COLUMNS, format_estimates
-from ninedtact.force.estimator_and_scale import read_force_scales
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.trajectory import ScriptedPress
@@ -52,9 +52,18 @@ def presses(desk: Path) -> list[Path]:
     return [desk / f"press_{number}.png" for number in range(len(DEPTHS_MM))]
 
 
-def estimated(desk: Path, capsys: pytest.CaptureFixture[str], *more: str | Path) -> np.ndarray:
+def estimated(
+    desk: Path, capsys: pytest.CaptureFixture[str], *more: str | Path, sensor: Path | None = None
+) -> np.ndarray:
     found = asked(
-        capsys, "estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *more, *presses(desk)
+        capsys,
+        "estimate",
+        "--sensor",
+        sensor or desk / "sensor",
+        "--reference",
+        desk / "reference.png",
+        *more,
+        *presses(desk),
     )
     names = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm")
     return np.array([[row[name] for name in names] for row in found["wrenches"]])
@@ -75,11 +84,35 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     weighed = [
         word for path, each in zip(presses(desk), grams, strict=True) for word in ("--press", path, f"{each:.1f}")
     ]
-    told = asked(capsys, "adapt", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *weighed)
-    assert told["by_factor"] < 0.5 * told["unadapted"] and told["adaptation"]["presses"] == len(DEPTHS_MM)
-    after = estimated(desk, capsys)
+    sensor = shutil.copytree(desk / "sensor", tmp_path / "sensor")
+    (sensor / "force.toml").write_text("[network]\nfactor = 1.1\n")
+    adapt = ("adapt", "--sensor", sensor, "--reference", desk / "reference.png", *weighed)
+    told = asked(capsys, *adapt)
+    assert told["left_out"] < 0.5 * told["unadapted"] and len(told["presses"]) == len(DEPTHS_MM)
+    assert not (sensor / "force.toml").exists(), "its factors belonged to the gel before"
+    folder, twin = load_sensor(sensor), default_twin()
+    known, gel = folder.record.known_loads, folder.gel
+    assert known is not None and not folder.is_edited and folder.twin().gel == gel
+    assert abs(np.log(gel.shear_modulus_mpa / stiff / twin.gel.shear_modulus_mpa)) < 2 * known.modulus_std
+    off = gel.gel_to_base_modulus_ratio - twin.gel.gel_to_base_modulus_ratio
+    assert abs(off) < 2 * known.modulus_ratio_std < 2 * known.calibrated_modulus_ratio_std
+    after = estimated(desk, capsys, sensor=sensor)
     assert after[:, 2] == pytest.approx(stiff * true[:, 2], rel=0.12)
-    (desk / "sensor" / "force.toml").unlink()
+    again = asked(capsys, *adapt)  # starts from the image of the ball, not from the gel that was found
+    assert again["shear_modulus_mpa"] == pytest.approx(told["shear_modulus_mpa"], rel=0.05)
+    assert again["unadapted"] == pytest.approx(told["unadapted"], abs=0.03)
+
+
+def test_the_ball_of_the_calibration_itself_can_be_weighed(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sensor = shutil.copytree(desk / "sensor", tmp_path / "sensor")
+    assumed_n = load_on_calibration_ball_n(load_sensor(sensor))
+    grams = 1.15 * assumed_n / STANDARD_GRAVITY * 1e3
+    told = asked(capsys, "adapt", "--sensor", sensor, "--ball-grams", f"{grams:.0f}")
+    assert told["unadapted"] == pytest.approx(np.log(1.15), abs=0.01) and told["left_out"] is None
+    found_n = load_on_calibration_ball_n(load_sensor(sensor))
+    assert found_n == pytest.approx(1.15 * assumed_n, rel=0.03)
 
 
 def test_a_doubtful_press_is_named_as_one_by_the_calibration_with_known_loads(
@@ -96,7 +129,7 @@ def test_a_doubtful_press_is_named_as_one_by_the_calibration_with_known_loads(
     assert [press["warnings"] for press in told["presses"]] == [[], [], [], ["out of range"]]
     assert main([*map(str, words)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.endswith("N calibrated  (out of range)") for line in lines[:4]] == [False, False, False, True]
+    assert [line.endswith("σ  (out of range)") for line in lines[:4]] == [False, False, False, True]
 
 
 def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path: Path) -> None:
@@ -105,7 +138,7 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
     session = ForceCalibrationSession(
         SwitchableCamera(lambda address: camera, "sim"),
         folder.path,
-        UnscaledForceReader(folder),
+        KnownLoadCalibration(folder),
         on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
         hold_s=0.1,
     )
@@ -116,10 +149,11 @@ def test_known_loads_on_the_twin_find_how_stiff_its_gel_is(desk: Path, tmp_path:
             assert time.monotonic() < give_up_at
             time.sleep(0.05)
         session.save()
-    scale = read_force_scales(folder.path).scales["force by physics"]
-    assert [press.grams for press in session.state.presses] == list(USUAL_LOADS_G)
-    # The scale also takes out the error of force by physics on this sensor. The stiffness is another at every run.
-    assert scale.factor == pytest.approx(stiffness, rel=0.08) and scale.error < 0.05
+    found, known = load_sensor(folder.path), load_sensor(folder.path).record.known_loads
+    assert [press.grams for press in session.state.presses] == list(USUAL_LOADS_G) and known is not None
+    # The stiffness is another at every run.
+    ratio = found.gel.shear_modulus_mpa / folder.gel.shear_modulus_mpa
+    assert abs(np.log(ratio / stiffness)) < 2 * known.modulus_std and known.error < 0.08
 
 
 @pytest.mark.parametrize("stiffness", [1.226, 1.2358, 1.2426])
@@ -238,8 +272,9 @@ REFUSED = {
     "estimate --reference reference.png press_0.png": "--sensor",
     f"estimate {OF_SENSOR} --force magic press_0.png": "physics",
     f"estimate {OF_SENSOR} --force lost.onnx press_0.png": "lost",
-    f"adapt {OF_SENSOR} --press press_1.png 300": "at least 2",
-    f"adapt {OF_SENSOR} --press reference.png 300": "reference.png: ",
+    f"adapt {OF_SENSOR} --press press_1.png 100000": "press_1.png with a weight near the estimated",
+    "adapt --sensor sensor --ball-grams -4": "a load on the ball of the calibration above zero",
+    f"adapt {OF_SENSOR} --press reference.png 300": "reference.png to show a press",
     f"adapt {OF_SENSOR} --press press_1.png 200 --press ./press_1.png 800": "got press_1.png with 200 g and with 800 g",
     f"adapt {OF_SENSOR} --press press_1.png -3": "above zero",
     f"adapt {OF_SENSOR} --force none --press a.png 3": "none",

@@ -55,10 +55,10 @@ def test_an_unknown_error_of_one_axis_moves_into_the_torques_that_it_makes_and_n
     np.testing.assert_allclose(without_tz.about(BELOW_MM).std, np.where([0, 0, 0, 0, 0, 1], np.inf, known))
 
 
-def test_a_quarter_of_every_force_is_in_the_error_until_the_sensor_is_calibrated_for_force() -> None:
+def test_the_errors_of_modulus_and_base_are_stated_until_the_sensor_is_calibrated_for_force() -> None:
     scaled = UNCALIBRATED(estimate())
     np.testing.assert_array_equal(scaled.wrench.six, SIX)
-    np.testing.assert_allclose(scaled.std, np.hypot(STD, 0.25 * np.abs(SIX)))
+    np.testing.assert_allclose(scaled.std, np.hypot(STD, np.hypot(0.25, 0.1) * np.abs(SIX)))
     # It is one factor: the error of a lever arm, the ratio of torque to force, does not grow.
     arm = np.array([0, 0, SIX[3] / SIX[2] ** 2, -1 / SIX[2], 0, 0])
     assert arm @ scaled.covariance @ arm < 1.01 * (arm @ estimate().covariance @ arm)

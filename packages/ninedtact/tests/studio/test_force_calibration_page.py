@@ -17,7 +17,8 @@ from reading_clients import page_errors
 from small_calibrated_twin import PluggedCamera
 from small_sensor import wait_until
 
-from ninedtact.calibration.force_calibration import ForceScaleImpossible, UnscaledForceReader
+from ninedtact.calibration.force_calibration import KnownLoadCalibration, weight_of_grams_n
+from ninedtact.calibration.known_load_fit import ForceScaleImpossible, KnownLoadPress, fit_known_loads
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
 from ninedtact.design import Gel, SensorDesign
@@ -59,7 +60,7 @@ def session(camera: PluggedCamera, twin_sensor: SensorFolder, tmp_path: Path) ->
     one = ForceCalibrationSession(
         SwitchableCamera(lambda address: camera, "sim"),
         folder.path,
-        UnscaledForceReader(folder),
+        KnownLoadCalibration(folder),
         loads_g=(100.0, 200.0, 400.0),
         on_load=lambda grams: camera.offer(ball_press_under_load(grams)),
         hold_s=0.2,
@@ -108,12 +109,12 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
         type_in(desk, "place of the ball, x (mm)", "0")
         wait(lambda: len(session.state.presses) == 3)  # 300 g where the page was told 400 g
         type_in(phone, "load (g)", "90")  # and somebody reads the scale wrongly
-        wait(lambda: says(desk, "expected presses that agree on one force scale to 35%, got a scatter of"))
+        wait(lambda: says(desk, "expected loads that one gel explains to 3.5 standard deviations, got press 3 (90 g)"))
         assert desk.get_by_role("button", name="Save the force scale").count() == 0
-        with pytest.raises(ForceScaleImpossible, match="that agree on one force scale"):
+        with pytest.raises(ForceScaleImpossible, match="that one gel explains"):
             session.save()
         phone.reload()
-        wait(lambda: says(phone, "got a scatter of") and says(phone, "Remove press 3 (90 g)"))
+        wait(lambda: says(phone, "got press 3 (90 g)") and says(phone, "Remove press 3 (90 g)"))
         phone.get_by_role("button", name="Remove press 3 (90 g)").click()
         wait(lambda: len(session.state.presses) == 2)
         type_in(desk, "load on the ball (g)", "0")
@@ -130,9 +131,10 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
         wait(session.live_requested.is_set)
     assert errors == ([], [])
     kept = read_force_scales(session.sensor)
-    scale = kept.scales[session.reader.estimator.name]
-    fit = fit_scale_so_far(session.state.presses).fit
-    assert not kept.is_edited and fit is not None and scale == fit.adaptation and scale.presses == 3
+    scale = kept.scales[session.calibration.estimator.name]
+    fit = session.state.scale.fit
+    assert not kept.is_edited and fit is not None and scale.presses == 3
+    assert (scale.factor, scale.error) == pytest.approx((fit.factor, fit.error))
 
 
 def test_an_unplugged_camera_is_waited_for_and_a_full_disk_leaves_the_old_scale(
@@ -206,14 +208,18 @@ def remove_button(client: PageClient) -> Any:
 
 
 def test_a_press_that_contradicts_the_others_is_named() -> None:
-    presses = [TakenPress(grams, grams * 9.80665e-3) for grams in (100.0, 200.0, 400.0)]
-    so_far = fit_scale_so_far(presses)
-    assert so_far.fit is not None and so_far.fit.adaptation.factor == pytest.approx(1.0)
-    wrong = [replace(presses[0], grams=30.0), *presses[1:]]
-    assert fit_scale_so_far(wrong).doubtful == 0 and "got a scatter of" in fit_scale_so_far(wrong).refusal
-    grams_for_newtons = fit_scale_so_far([presses[0], replace(presses[1], grams=2.0)])
-    assert grams_for_newtons.doubtful == 1 and "press 2 (2 g): expected a weight near" in grams_for_newtons.refusal
-    assert fit_scale_so_far(presses[:1]) == replace(fit_scale_so_far(presses[:1]), fit=None, refusal="", doubtful=0)
+    def taken(grams: float, true_g: float) -> TakenPress:
+        return TakenPress(grams, KnownLoadPress("press", 1.0, (weight_of_grams_n(true_g),), 0.07))
+
+    presses = [taken(grams, grams) for grams in (100.0, 200.0, 400.0)]
+    so_far = fit_scale_so_far(presses, fit_known_loads)
+    assert so_far.fit is not None and so_far.fit.factor == pytest.approx(1.0)
+    wrong = fit_scale_so_far([taken(30.0, 100.0), *presses[1:]], fit_known_loads)
+    assert wrong.doubtful == 0 and "got press 1 (30 g) with 0.29 N" in wrong.refusal
+    grams_for_newtons = fit_scale_so_far([presses[0], taken(2.0, 200.0)], fit_known_loads)
+    assert grams_for_newtons.doubtful == 1 and "press 2 (2 g) with a weight near" in grams_for_newtons.refusal
+    one = fit_scale_so_far(presses[:1], fit_known_loads)
+    assert one == replace(one, fit=None, refusal="", doubtful=0)
 
 
 def test_images_or_the_page_but_not_both(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

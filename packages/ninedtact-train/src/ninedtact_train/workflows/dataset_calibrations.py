@@ -23,6 +23,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 from ninedtact.errors import CalibrationError, NinedtactError
 from ninedtact.force.estimator_and_scale import read_force_scales
+from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.parallel_jobs import Workers, run_writing_jobs
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import GUIDED_FRAMES, simulate_calibration_images
@@ -178,5 +179,8 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
 def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
-    force_scales = tuple(read_force_scales(folder).scales.items())
+    scales = read_force_scales(folder).scales
+    if sensor.gel_force_scale is not None:
+        scales = {**scales, TractionForce.name: sensor.gel_force_scale}
+    force_scales = tuple(scales.items())
     return DatasetSensorCalibration(sensor.shape, sensor.gel, digest, force_scales)

@@ -17,7 +17,12 @@ from tqdm import tqdm
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import ForceTorqueMount
-from ninedtact.force.estimator_and_scale import ForceEstimator, ScaledForceEstimator, select_force_scale
+from ninedtact.force.estimator_and_scale import (
+    MODULUS_KNOWN,
+    ForceEstimator,
+    ScaledForceEstimator,
+    select_force_scale,
+)
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
 from ninedtact_train.dataset.calibrated_readings import (
@@ -54,7 +59,7 @@ class DatasetEvaluationSettings:
     By default the sensors of a simulated data set are calibrated from their own simulated images."""
     modulus: Literal["true", "design", "calibrated"] = "true"
     """Shear modulus assumed for simulated gels: true (the simulated one), design (the nominal one), or calibrated.
-    calibrated: force calibration with five simulated loads of 100 to 500 g, as `ninedtact adapt` does."""
+    calibrated: the nominal one, and a factor from five simulated loads of 100 to 500 g."""
     every: Annotated[int, Meta(ge=1)] = 1
     """Evaluate one of every n pairs; which one varies."""
     without_contact_detection: bool = False
@@ -173,7 +178,7 @@ def _build_estimator(
     if member is None:
         return ScaledForceEstimator(estimator, select_force_scale(estimator, dict(sensor.force_scales)))
     if settings.modulus != "calibrated":
-        return estimator
+        return ScaledForceEstimator(estimator, MODULUS_KNOWN) if settings.force == PHYSICS else estimator
     return calibrate_on_simulated_loads(estimator, member, sensor.shape)
 
 

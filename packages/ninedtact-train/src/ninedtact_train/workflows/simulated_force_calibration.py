@@ -1,14 +1,10 @@
-"""Force-scale calibration of a simulated sensor with simulated presses of known loads."""
+"""A force scale for a simulated sensor from simulated presses of known loads, a factor for any estimator."""
 
 from collections.abc import Iterator
 
-from ninedtact.calibration.force_calibration import (
-    ForceScaleImpossible,
-    KnownLoadPress,
-    estimated_load_n,
-    fit_force_scale,
-)
-from ninedtact.force.estimator_and_scale import ForceEstimator, ScaledForceEstimator
+from ninedtact.calibration.force_calibration import estimated_load_n
+from ninedtact.calibration.known_load_fit import ForceScaleImpossible, KnownLoadPress, fit_known_loads
+from ninedtact.force.estimator_and_scale import ForceEstimator, ForceScale, ScaledForceEstimator
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
@@ -22,6 +18,8 @@ _SIMULATED_PRESSES = ((0.0, 0.0, 1.0), (2.5, 1.5, 1.0), (0.0, 0.0, 2.5), (-2.5, 
 """Position x and y in mm and load in N of each simulated press; the loads are about 100 to 500 g."""
 _PITCH_MM = 0.3
 """Pitch of the grid on which simulated presses are solved; a coarse one is enough, because a ball is smooth."""
+_PRESS_STD = 0.08
+"""Relative error of one estimate."""
 _REFERENCE_FRAMES = 8
 
 
@@ -37,8 +35,9 @@ def calibrate_on_simulated_loads(
         for reading, load_n in _simulate_presses(member, shape):
             estimator.forget()
             reading = reading.with_force(estimator.estimate(reading))
-            presses.append(KnownLoadPress(estimated_load_n(reading), load_n))
-        return ScaledForceEstimator(estimator, fit_force_scale(presses).adaptation)
+            presses.append(KnownLoadPress("a ball", load_n, (estimated_load_n(reading),), _PRESS_STD))
+        fit = fit_known_loads(presses)
+        return ScaledForceEstimator(estimator, ForceScale(fit.factor, fit.error, len(presses)))
     except ForceScaleImpossible:
         return estimator
 

@@ -1,149 +1,56 @@
-"""Force-scale calibration of a sensor from presses with known loads: images of a real sensor on a scale, or simulated presses.
+"""Force calibration with known loads: images of presses and their weights → the gel's modulus and base in `sensor.toml`.
 
-Leave-one-out errors decide between a constant factor and a power law of the load (`ForceScale`).
+Every press is estimated on a few assumed bases of the gel, on each of which the ball of the calibration was explained again
+(`sensor_on_base`), and the loads tell modulus and base (`known_load_fit`). The calibration is then made again on the base that was
+found, so that depth, twin and force have one gel. A network has no gel; known loads give it a factor, kept in `force.toml`.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+import msgspec
 import numpy as np
-from jaxtyping import Float
-from numpy import ndarray as Array
 
+from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
-from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.capture.frame_source import ImageFileList
-from ninedtact.capture.strict_image_reading import read_image
-from ninedtact.errors import ForceEstimationError, InputError
-from ninedtact.force.estimator_and_scale import (
-    MAX_EXPONENT,
-    WIDEST_FACTOR,
-    ForceEstimator,
-    ForceScale,
-    write_force_scale,
+from ninedtact.calibration.known_load_fit import (
+    AssumedBases,
+    ForceScaleImpossible,
+    KnownLoadFit,
+    KnownLoadPress,
+    fit_known_loads,
+    require_same_unit,
 )
+from ninedtact.calibration.save import to_sensor_toml
+from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
+from ninedtact.calibration.sensor_on_base import load_on_calibration_ball_n, sensor_on_base
+from ninedtact.calibration.sensor_toml_schema import KnownLoadTable
+from ninedtact.calibration.twin.ball_press_fit import KnownBase
+from ninedtact.calibration.twin.fit_parameters import NEARLY_RIGID
+from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.errors import InputError
+from ninedtact.force.estimator_and_scale import FORCE_SCALE_FILE, ForceEstimator, ForceScale, write_force_scale
 from ninedtact.force.estimator_loading import NONE, PHYSICS
-from ninedtact.quantities import EstimateWarning, Frame
+from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.image_plausibility import require_plausible_image
 
-FEWEST = 2
-_FEWEST_FOR_CURVE = 4
-_CURVE_MUST_GAIN = 0.8
-"""The power law is used where its leave-one-out error is below this fraction of that of a constant factor."""
-_MAX_ERROR = 0.35
-"""Leave-one-out error (root mean square, relative) above which presses contradict each other."""
 STANDARD_GRAVITY = 9.80665
-
-
-class ForceScaleImpossible(ForceEstimationError):
-    """Presses with known loads do not determine the force scale of a sensor."""
-
-
-@dataclass(frozen=True)
-class KnownLoadPress:
-    """One press under a known load."""
-
-    estimated_n: float
-    """−F_z of the estimator without a force scale."""
-    weighed_n: float
-    warnings: tuple[EstimateWarning, ...] = ()
-    """Reasons to distrust the estimate."""
-
-    def __post_init__(self) -> None:
-        if not (0 < self.weighed_n < np.inf):
-            raise ForceScaleImpossible(
-                expected="a weight above zero", got=f"{self.weighed_n:g} N", remedy="read the scale again"
-            )
-        if not (0 < self.estimated_n < np.inf):
-            raise ForceScaleImpossible(
-                expected="a press that the image shows",
-                got=f"an estimate of {self.estimated_n:g} N under {self.weighed_n:.2f} N",
-                remedy="let the object rest on the middle of the skin, and give the image of that",
-            )
-        ratio = self.weighed_n / self.estimated_n
-        if not 1 / WIDEST_FACTOR < ratio < WIDEST_FACTOR:
-            raise ForceScaleImpossible(
-                expected=f"a weight near the estimated {self.estimated_n:.2f} N",
-                got=f"{self.weighed_n:.2f} N",
-                remedy="give grams, and the image that was taken under that weight",
-            )
-
-
-@dataclass(frozen=True)
-class ForceScaleFit:
-    """A fitted force scale, and the leave-one-out errors of both ways of scaling."""
-
-    adaptation: ForceScale
-    unadapted: float
-    """Root mean square relative error without a force scale."""
-    by_factor: float
-    by_curve: float | None
-    """None where there are too few presses, or where their loads are too similar."""
+_BASES_APART = 2.0
+"""Distance of the assumed bases from that of the calibration, in its standard deviations."""
+_BALL_PRESS_STD = 0.08
+"""Relative error of the load on the ball of the calibration, by the mechanics that explain its image."""
+_UNSTATED_STD = 0.15
+"""Relative error of an estimator that states none."""
+CALIBRATION_BALL = "the ball of the calibration"
 
 
 def estimated_load_n(reading: Reading) -> float:
     """Return the load that the estimate of a reading states; zero where it pulls, or where there is no estimate."""
     return 0.0 if reading.force is None else max(0.0, -float(reading.force.wrench.force_n[2]))
-
-
-def fit_force_scale(presses: Sequence[KnownLoadPress]) -> ForceScaleFit:
-    """Fit the force scale whose leave-one-out error is smallest; raises `ForceScaleImpossible`."""
-    if len(presses) < FEWEST:
-        raise ForceScaleImpossible(
-            expected=f"at least {FEWEST} presses of known weight",
-            got=f"{len(presses)}",
-            remedy="press with two weights or more",
-        )
-    load = np.log([press.estimated_n for press in presses])
-    wanted = np.log([press.weighed_n for press in presses]) - load
-    by_factor = _left_out_rms(load, wanted, 0)
-    by_curve = _left_out_rms(load, wanted, 1) if _loads_determine_power_law(load) else None
-    bends = by_curve is not None and by_curve < _CURVE_MUST_GAIN * by_factor
-    about = float(np.exp(load.mean()))
-    curve, factor = (*_fit_line(load - load.mean(), wanted),) if bends else (0.0, wanted.mean())
-    error = by_curve if bends and by_curve is not None else by_factor
-    if error > _MAX_ERROR:
-        raise ForceScaleImpossible(
-            expected=f"presses that agree on one force scale to {_MAX_ERROR:.0%}",
-            got=f"a scatter of {error:.0%}",
-            remedy="check that each image belongs to its weight, and that the scale was set to zero with the "
-            "sensor on it",
-        )
-    if abs(curve) > MAX_EXPONENT:
-        raise ForceScaleImpossible(
-            expected=f"a factor that changes at most with the power {MAX_EXPONENT:g} of the load",
-            got=f"the power {curve:.1f}",
-            remedy="check that each image belongs to its weight",
-        )
-    found = ForceScale(float(np.exp(factor)), float(curve), about, error, len(presses))
-    return ForceScaleFit(found, _rms(wanted), by_factor, by_curve)
-
-
-def _loads_determine_power_law(load: Float[Array, " n"]) -> bool:
-    """Return whether the loads (logarithms) determine a power law: at least four of them, over more than a factor of two."""
-    return len(load) >= _FEWEST_FOR_CURVE and bool(np.ptp(load) > np.log(2))
-
-
-def _left_out_rms(load: Float[Array, " n"], wanted: Float[Array, " n"], degree: int) -> float:
-    """Return the root mean square relative error of each press as a polynomial fit to the others predicts it."""
-    others = ~np.eye(len(load), dtype=bool)
-    # The domain is stated because NumPy below 2 cannot find one for a single load.
-    fits = [np.polynomial.Polynomial.fit(load[use], wanted[use], degree, domain=[-1, 1]) for use in others]
-    return _rms(np.array([wanted[n] - fit(load[n]) for n, fit in enumerate(fits)]))
-
-
-def _fit_line(x: Float[Array, " n"], y: Float[Array, " n"]) -> tuple[float, float]:
-    """Return slope and intercept of the least-squares line."""
-    slope, height = np.polyfit(x, y, 1)
-    return float(slope), float(height)
-
-
-def _rms(values: Float[Array, " n"]) -> float:
-    """Return the root mean square of the values."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def weight_of_grams_n(grams: float) -> float:
@@ -152,64 +59,269 @@ def weight_of_grams_n(grams: float) -> float:
 
 
 @dataclass(frozen=True)
+class PressImage:
+    """The raw image of a press, and those of the skin without contact with which it is compared."""
+
+    name: str
+    frame: Frame
+    references: tuple[Frame, ...]
+
+
+@dataclass
+class _PressReader:
+    """Reads single presses by a sensor as calibrated."""
+
+    folder: SensorFolder
+    _last: tuple[tuple[Frame, ...], DepthReader] | None = None
+    """The references that were used last, with their depth reader."""
+
+    def require_references(self, frames: Sequence[Frame]) -> None:
+        """Raise `InputError` for images without contact that cannot be those of this sensor."""
+        load_reference_image_checker(self.folder).require_faultless(frames)
+
+    def read(self, press: PressImage) -> Reading:
+        """Return the reading of a press; raises `ImageImplausible`, which names the image."""
+        if self._last is None or self._last[0] is not press.references:
+            self._last = press.references, self.folder.shape.depth_reader(*press.references)
+        depth_reader = self._last[1]
+        reading = read_frame(press.frame, self.folder.shape, depth_reader)
+        require_plausible_image(press.name, reading.rectified, depth_reader.reference, reading.height)
+        return reading
+
+
+class KnownLoadCalibration:
+    """The calibration of one sensor with known loads, for the estimator that is named."""
+
+    def __init__(
+        self,
+        folder: SensorFolder,
+        force: str = PHYSICS,
+        check: Callable[[_PressReader, ForceEstimator], None] = lambda *_: None,
+    ) -> None:
+        """force: the estimator, as after `--force`. check: called before the calibration is explained on other bases, which takes
+        seconds. Raises `InputError`, what loading the estimator raises, and what fitting raises.
+        """
+        _require_estimator(force)
+        self._force = force
+        self.finds_gel = force == PHYSICS and folder.record.twin is not None
+        """Whether known loads determine the gel; otherwise they determine a factor."""
+        if self.finds_gel:
+            _require_unedited(folder)
+        check(_PressReader(folder), self._estimator_of(folder))
+        self.bases, self._sensors = _assume_bases(folder) if self.finds_gel else (AssumedBases(), [folder])
+        self._middle = self.bases.ratios.index(self.bases.mean) if self.bases.is_searched else 0
+        self._estimators, self._reader = list(map(self._estimator_of, self._sensors)), _PressReader(self.sensor)
+
+    @property
+    def sensor(self) -> SensorFolder:
+        """The sensor as its images calibrated it."""
+        return self._sensors[self._middle]
+
+    @property
+    def estimator(self) -> ForceEstimator:
+        """The estimator that is calibrated."""
+        return self._estimators[self._middle]
+
+    def _estimator_of(self, sensor: SensorFolder) -> ForceEstimator:
+        return sensor.estimator(self._force, with_force_scale=False)
+
+    def require_references(self, frames: Sequence[Frame]) -> None:
+        """Raise `InputError` for images without contact that cannot be those of this sensor."""
+        self._reader.require_references(frames)
+
+    def read(self, press: PressImage) -> Reading:
+        """Return the reading of a press by the sensor as calibrated; raises `ImageImplausible`, which names the image."""
+        return self.estimator.add_force(self._reader.read(press))
+
+    def estimate(self, press: PressImage, grams: float) -> KnownLoadPress:
+        """Return a press with its load, estimated on all bases; raises `ForceScaleImpossible`, `ImageImplausible`."""
+        return _estimate(press, grams, self._reader.read(press), self._estimators, self._middle)
+
+    def estimate_calibration_ball(self, grams: float) -> KnownLoadPress:
+        """Return the press of the calibration's own ball with its load; raises `InputError`, `ForceScaleImpossible`."""
+        if not self.finds_gel:
+            raise InputError(
+                expected=f"--ball-grams with --force {PHYSICS} and a sensor with a twin",
+                got="another estimator or sensor",
+                remedy="give images of presses with --press",
+            )
+        loads = tuple(map(load_on_calibration_ball_n, self._sensors))
+        return KnownLoadPress(CALIBRATION_BALL, weight_of_grams_n(grams), loads, _BALL_PRESS_STD, self._middle)
+
+    def fit(self, presses: Sequence[KnownLoadPress]) -> KnownLoadFit:
+        """Return what the loads say; raises `ForceScaleImpossible`."""
+        return fit_known_loads(presses, self.bases)
+
+    def adapted_sensor(
+        self, fit: KnownLoadFit, presses: Sequence[KnownLoadPress], images: Sequence[PressImage]
+    ) -> SensorFolder:
+        """Return the sensor, not saved, with the gel that a fit found; of a sensor without a search for the gel the sensor itself.
+
+        images: those of the presses, in the same order; the ball of the calibration has none. The modulus is taken from them again
+        on the base that was found, because estimates between the assumed bases are interpolated.
+        """
+        if not self.finds_gel:
+            return self.sensor
+        sensor = self.sensor
+        if self.bases.is_searched:
+            sensor = sensor_on_base(sensor, KnownBase(fit.ratio, fit.ratio_std))
+        estimator, by_name = self._estimator_of(sensor), {image.name: image for image in images}
+        found = [
+            replace(press, estimated_n=(load_on_calibration_ball_n(sensor),), calibrated=0)
+            if press.name == CALIBRATION_BALL
+            else _estimate(
+                by_name[press.name],
+                press.weighed_n / weight_of_grams_n(1.0),
+                self._reader.read(by_name[press.name]),
+                [estimator],
+            )
+            for press in presses
+        ]
+        factor = fit_known_loads(found).factor
+        twin = sensor.record.twin
+        assert twin is not None
+        gel = replace(twin.gel, shear_modulus_mpa=twin.gel.shear_modulus_mpa * factor)
+        table = KnownLoadTable(
+            presses=len(presses),
+            error=fit.error,
+            modulus_std=fit.modulus_std,
+            modulus_ratio_std=fit.ratio_std,
+            correlation=fit.correlation,
+            calibrated_modulus_ratio=self.bases.mean,
+            calibrated_modulus_ratio_std=self.bases.std,
+        )
+        record = msgspec.structs.replace(sensor.record, twin=msgspec.structs.replace(twin, gel=gel), known_loads=table)
+        return SensorFolder(sensor.path, record)
+
+    def save(self, fit: KnownLoadFit, sensor: SensorFolder) -> Path:
+        """Write what was found into the sensor folder and return the file; raises `FileFormatError`, `FileNotWritten`.
+
+        sensor: the adapted sensor. A factor of a network belongs to the gel before, so that `force.toml` is removed with it.
+        """
+        if not self.finds_gel:
+            scale = ForceScale(fit.factor, fit.error, len(fit.deviations))
+            return write_force_scale(sensor.path, self.estimator, scale)
+        write_file_atomically(sensor.path / SENSOR_FILE, to_sensor_toml(sensor.record))
+        (sensor.path / FORCE_SCALE_FILE).unlink(missing_ok=True)
+        return sensor.path / SENSOR_FILE
+
+
+def _require_estimator(force: str) -> None:
+    """Raise `InputError` where no estimator is named."""
+    if force == NONE:
+        raise InputError(
+            expected="an estimator to calibrate",
+            got=f"--force {NONE}",
+            remedy=f"name {PHYSICS} or a force model",
+        )
+
+
+def _require_unedited(folder: SensorFolder) -> None:
+    """Raise `InputError` for a sensor whose numbers were edited: writing the file anew would vouch for them."""
+    if folder.is_edited:
+        raise InputError(
+            expected=f"{folder.path / SENSOR_FILE} as the calibration wrote it",
+            got="one that was edited or damaged",
+            remedy="restore it, or calibrate again",
+        )
+
+
+def _assume_bases(folder: SensorFolder) -> tuple[AssumedBases, list[SensorFolder]]:
+    """Return the bases on which presses are estimated, and the sensor on each.
+
+    They lie around the base that the image of the ball tells; an earlier calibration with known loads does not count twice.
+    """
+    sensor, known, twin = folder, folder.record.known_loads, folder.record.twin
+    assert twin is not None
+    if folder.record.design.gel.has_rigid_base:
+        return AssumedBases(), [folder if known is None else sensor_on_base(folder, KnownBase(0.0))]
+    fitted = twin.fit.parameters["gel_to_base_modulus_ratio"]
+    mean, std = fitted.value, fitted.std or 0.0
+    if known is not None:
+        mean, std = known.calibrated_modulus_ratio, known.calibrated_modulus_ratio_std
+        sensor = sensor_on_base(folder, KnownBase(mean, std))
+    softest, stiffest = mean + _BASES_APART * std, max(mean - _BASES_APART * std, NEARLY_RIGID)
+    sensors = {mean: sensor, softest: sensor_on_base(sensor, KnownBase(softest))}
+    if stiffest < mean:
+        sensors[stiffest] = sensor_on_base(sensor, KnownBase(stiffest))
+    ratios = tuple(sorted(sensors))
+    return AssumedBases(ratios, mean, std), [sensors[ratio] for ratio in ratios]
+
+
+def _estimate(
+    press: PressImage, grams: float, reading: Reading, estimators: Sequence[ForceEstimator], calibrated: int = 0
+) -> KnownLoadPress:
+    """Return a press with its load by all estimators; error and warnings are those of the calibrated one.
+
+    All read the heights of the calibrated base, which are first guesses: the image counts, and its law is that of each estimator.
+    """
+    found = []
+    for estimator in estimators:
+        estimator.forget()
+        found.append(reading.with_force(estimator.estimate(reading)))
+    load_n, std = estimated_load_n(found[calibrated]), found[calibrated].wrench_std
+    is_stated = std is not None and np.isfinite(std[2]) and load_n > 0
+    relative = float(std[2]) / load_n if is_stated and std is not None else _UNSTATED_STD
+    loads, warnings = tuple(map(estimated_load_n, found)), found[calibrated].warnings
+    return KnownLoadPress(press.name, weight_of_grams_n(grams), loads, relative, calibrated, warnings)
+
+
+@dataclass(frozen=True)
 class ForceCalibration:
-    """The force scale of a sensor, and the presses that it was fitted to."""
+    """What known loads determined, and the presses that it was fitted to."""
 
     estimator: str
-    fit: ForceScaleFit
+    fit: KnownLoadFit
     presses: list[KnownLoadPress]
+    sensor: SensorFolder
+    """The sensor with the gel that was found."""
+    finds_gel: bool
+    """Whether the loads determined the gel; otherwise a factor."""
     file: Path | None
-    """File that the scale was saved in; None where it was not saved."""
+    """File that it was saved in; None where it was not saved."""
 
 
 def calibrate_force(
     folder: SensorFolder,
-    reference: Sequence[Path],
-    presses: Sequence[tuple[Path, float]],
+    reference: Sequence[Path] = (),
+    presses: Sequence[tuple[Path, float]] = (),
     force: str = PHYSICS,
+    ball_grams: float | None = None,
     save: bool = True,
 ) -> ForceCalibration:
-    """Fit the force scale of a sensor to images of presses with known loads, and save it in the sensor folder.
+    """Calibrate the force of a sensor with images of presses and their loads, and save the result in the sensor folder.
 
     reference: images without contact. presses: images with the load of each in grams. force: the estimator, as after `--force`.
-    Raises `InputError`, `ForceScaleImpossible`, and what reading images and sensor folders raises.
+    ball_grams: load on the ball of the calibration when its image was taken. Raises `InputError`, `ForceScaleImpossible`, and what
+    reading images and sensor folders raises.
     """
+    _require_estimator(force)
     _require_one_load_for_each_image(presses)
-    reader = UnscaledForceReader(folder, force)
-    reader.use_reference([Frame(read_image(path)) for path in reference])
-    estimated = list(_estimate_presses(reader, presses))
-    fit = fit_force_scale(estimated)
-    file = write_force_scale(folder.path, reader.estimator, fit.adaptation) if save else None
-    return ForceCalibration(reader.estimator.name, fit, estimated, file)
+    if ball_grams is not None and not ball_grams > 0:
+        raise ForceScaleImpossible(
+            expected="a load on the ball of the calibration above zero",
+            got=f"{ball_grams:g} g",
+            remedy="read the scale again",
+        )
+    references = tuple(Frame(read_image(path)) for path in reference)
+    images = [PressImage(str(path), Frame(read_image(path)), references) for path, _ in presses]
+    calibration = KnownLoadCalibration(folder, force, partial(_require_usable, images, [grams for _, grams in presses]))
+    known = [calibration.estimate(image, grams) for image, (_, grams) in zip(images, presses, strict=True)]
+    if ball_grams is not None:
+        known.append(calibration.estimate_calibration_ball(ball_grams))
+    fit = calibration.fit(known)
+    sensor = calibration.adapted_sensor(fit, known, images)
+    file = calibration.save(fit, sensor) if save else None
+    return ForceCalibration(calibration.estimator.name, fit, known, sensor, calibration.finds_gel, file)
 
 
-class UnscaledForceReader:
-    """Estimates the force of single presses by an estimator without its force scale, for the calibration with known loads."""
-
-    def __init__(self, folder: SensorFolder, force: str = PHYSICS) -> None:
-        """force: the estimator, as after `--force`; raises `InputError` and what loading it raises."""
-        if force == NONE:
-            raise InputError(
-                expected="an estimator to calibrate",
-                got=f"--force {NONE}",
-                remedy=f"name {PHYSICS} or a force model",
-            )
-        self.estimator: ForceEstimator = folder.estimator(force, with_force_scale=False)
-        self._shape, self._check = folder.shape, load_reference_image_checker(folder)
-        self._depth_reader: DepthReader | None = None
-
-    def use_reference(self, frames: Sequence[Frame]) -> None:
-        """Compare the following images with the mean of these, which show no contact; raises `InputError`."""
-        self._check.require_faultless(frames)
-        self._depth_reader = self._shape.depth_reader(*frames)
-
-    def read(self, name: str, frame: Frame) -> Reading:
-        """Return the reading of an image with its estimate; raises `ImageImplausible`, which names the image."""
-        assert self._depth_reader is not None
-        reading = read_frame(frame, self._shape, self._depth_reader)
-        require_plausible_image(name, reading.rectified, self._depth_reader.reference, reading.height)
-        self.estimator.forget()
-        return reading.with_force(self.estimator.estimate(reading))
+def _require_usable(
+    images: Sequence[PressImage], grams: Sequence[float], reader: _PressReader, estimator: ForceEstimator
+) -> None:
+    """Raise what is wrong with images, references or weights: `InputError`, `ImageImplausible`, `ForceScaleImpossible`."""
+    for image, each in zip(images, grams, strict=True):
+        reader.require_references(image.references)
+        require_same_unit([_estimate(image, each, reader.read(image), [estimator])])
 
 
 def _require_one_load_for_each_image(presses: Sequence[tuple[Path, float]]) -> None:
@@ -223,14 +335,3 @@ def _require_one_load_for_each_image(presses: Sequence[tuple[Path, float]]) -> N
                 remedy="give every press an image of its own",
             )
         loads_g[path.resolve()] = grams
-
-
-def _estimate_presses(reader: UnscaledForceReader, presses: Sequence[tuple[Path, float]]) -> Iterator[KnownLoadPress]:
-    """Yield the estimated force of every press with its load; raises `ForceScaleImpossible`, naming the image."""
-    with ImageFileList([path for path, _ in presses]) as images:
-        for (path, grams), frame in zip(presses, images, strict=True):
-            reading = reader.read(str(path), frame)
-            try:
-                yield KnownLoadPress(estimated_load_n(reading), weight_of_grams_n(grams), reading.warnings)
-            except ForceScaleImpossible as refusal:
-                raise ForceScaleImpossible(f"{path}: {refusal}") from refusal

@@ -233,18 +233,8 @@ def _make_record(
     if fits.ball is not None and images.ball_pair is not None:
         # A height against an averaged reference contains the noise of one image.
         noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
-        reader = partial(fits.ball.reader, source=rectify.height_source)
-        noise_mm = simulate_height_noise_mm(reader, rectify, images.ball_pair[0], noise_grey_levels)
-        depth = DepthTable(
-            settings.method,
-            noise_mm,
-            settings.smoothing,
-            fits.ball.curve,
-            fits.ball.loss,
-            fits.ball.deblurring,
-            STIFFENING if fits.ball.base_deflection is None else fits.ball.base_deflection.stiffening,
-        )
-        ball_quality = _ball_quality(images.ball_pair[0], fits.ball, design, noise_mm)
+        depth = make_depth_table(fits.ball, rectify, images.ball_pair[0], noise_grey_levels, settings.smoothing)
+        ball_quality = make_ball_quality(images.ball_pair[0], fits.ball, design, depth.noise_mm)
         if fits.twin is not None:
             noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
             twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
@@ -260,6 +250,22 @@ def _make_record(
         depth=depth,
         twin=twin,
         certificate=Certificate(board_quality, ball_quality, _warnings(images, fits, design)),
+    )
+
+
+def make_depth_table(
+    ball: BallFit, rectify: Rectification, reference: BgrImage, noise_grey_levels: float, smoothing: Smoothing
+) -> DepthTable:
+    """Return the calibrated depth as a table of `sensor.toml`. reference: the raw image of the skin before the ball."""
+    reader = partial(ball.reader, source=rectify.height_source)
+    return DepthTable(
+        ball.method,
+        simulate_height_noise_mm(reader, rectify, reference, noise_grey_levels),
+        smoothing,
+        ball.curve,
+        ball.loss,
+        ball.deblurring,
+        STIFFENING if ball.base_deflection is None else ball.base_deflection.stiffening,
     )
 
 
@@ -316,7 +322,7 @@ def _board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> B
     )
 
 
-def _ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, noise_mm: float) -> BallQuality:
+def make_ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, noise_mm: float) -> BallQuality:
     """Return the quality of the depth calibration."""
     circle = ball.press.circle
     return BallQuality(

@@ -33,12 +33,14 @@ IMAGE_FOLDER = "images"
 PIXEL_MAP_FILE = "rectification.npy"
 ORIGINAL_FOLDER = "original_9dtact"
 """Folder in an imported sensor that keeps the original project's files as they were."""
+_KNOWN_LOADS = f"{SENSOR_FILE}, known_loads"
 _MEASURED_LATER = {
-    "force.toml": ("the force calibration with known loads", "ninedtact adapt"),
+    _KNOWN_LOADS: ("the force calibration with known loads", "ninedtact adapt"),
+    "force.toml": ("the factors of force models from known loads", "ninedtact adapt"),
     "camera.toml": ("the delay of the camera", "ninedtact camera-delay"),
 }
-"""What is measured after a calibration, by its file in the folder (`force.estimator_and_scale`, `capture.camera_delay`), and the
-command that measures it."""
+"""What is measured after a calibration, by its file in the folder, or its table there (`calibration.force_calibration`,
+`force.estimator_and_scale`, `capture.camera_delay`), and the command that measures it."""
 
 
 class SensorFolderNotReplaceable(OutputError):
@@ -143,7 +145,16 @@ def to_sensor_toml(record: SensorTomlRecord) -> bytes:
 
 def list_later_measurements(folder: Path) -> frozenset[str]:
     """Return the files of a sensor folder that were measured after its calibration, and that a new calibration removes."""
-    return frozenset(file for file in _MEASURED_LATER if (folder / file).is_file())
+    files = {file for file in _MEASURED_LATER if (folder / file).is_file()}
+    return frozenset(files | ({_KNOWN_LOADS} if _knows_loads(folder) else set()))
+
+
+def _knows_loads(folder: Path) -> bool:
+    """Return whether a folder holds a sensor whose gel was calibrated with known loads."""
+    try:
+        return load_sensor(folder).record.known_loads is not None
+    except SensorFolderDamaged:
+        return False
 
 
 def removal_notices(folder: Path, before: frozenset[str]) -> list[str]:

@@ -47,7 +47,7 @@ from ninedtact.shape.lens_and_rectification import (
 )
 
 if TYPE_CHECKING:
-    from ninedtact.force.estimator_and_scale import ForceEstimator
+    from ninedtact.force.estimator_and_scale import ForceEstimator, ForceScale
     from ninedtact.simulation.twin import Twin
 
 SENSOR_FILE = "sensor.toml"
@@ -147,7 +147,7 @@ class SensorFolder:
 
     @property
     def gel(self) -> Gel:
-        """The gel as fitted to the ball image, or as designed where there is no such fit."""
+        """The gel as fitted to the ball image and to known loads, or as designed where there is no such fit."""
         return self.record.design.gel if self.record.twin is None else self.record.twin.gel
 
     @property
@@ -244,7 +244,17 @@ class SensorFolder:
                 remedy=f"run: {self.completion_command}",
             )
         estimator = build_estimator(spec, self.shape, self.gel)
-        return apply_sensor_force_scale(estimator, self.path) if with_force_scale and spec != NONE else estimator
+        if not with_force_scale or spec == NONE:
+            return estimator
+        return apply_sensor_force_scale(estimator, self.path, self.gel_force_scale if spec == PHYSICS else None)
+
+    @property
+    def gel_force_scale(self) -> "ForceScale | None":
+        """The error of forces by physics that known loads leave; None where the gel was not calibrated with known loads."""
+        from ninedtact.force.estimator_and_scale import ForceScale
+
+        known = self.record.known_loads
+        return None if known is None else ForceScale(error=known.error, presses=known.presses)
 
     def _verify_file(self, file: str, digest: str) -> Path:
         """Return the path of a file of the folder after its content has been checked against the stored hash."""

@@ -276,6 +276,23 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
         require_within_bounds(self.gel, "gel")
 
 
+class KnownLoadTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """What presses with known loads determined of the gel (`ninedtact adapt`); its modulus and base are those of the twin's gel."""
+
+    presses: Annotated[int, Meta(ge=1, le=10_000)]
+    error: _Share
+    """Relative error that modulus and base leave of all forces like the known ones."""
+    modulus_std: _Share
+    """Relative standard deviation of the shear modulus."""
+    modulus_ratio_std: _Error
+    """Standard deviation of `gel_to_base_modulus_ratio`."""
+    correlation: _Correlation
+    """Correlation of the logarithm of the modulus with the ratio."""
+    calibrated_modulus_ratio: Annotated[float, Meta(ge=0, le=10)]
+    """The ratio by the image of the ball alone, with which another `ninedtact adapt` begins."""
+    calibrated_modulus_ratio_std: _Error
+
+
 _SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")
 """Names are shown on pages, stand in tables and may become names of folders."""
 
@@ -303,6 +320,8 @@ class SensorTomlRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_def
     depth: DepthTable | None = None
     """None where no ball has been pressed yet."""
     twin: TwinTable | None = None
+    known_loads: KnownLoadTable | None = None
+    """None where no press was weighed, or for forces by a network."""
     images: dict[str, StoredCalibrationImage] = field(default_factory=dict)
     certificate: Certificate | None = None
 

@@ -93,12 +93,13 @@ class GuidedPages:
 
         force: estimator that is calibrated. Returns the file that was written, if any.
         """
-        from ninedtact.calibration.force_calibration import UnscaledForceReader
+        from ninedtact.calibration.force_calibration import KnownLoadCalibration
+        from ninedtact.calibration.sensor_folder import load_sensor
         from ninedtact.errors import CameraError
         from ninedtact.studio.force_calibration_page import ForceCalibrationPage, ball_press_under_load
         from ninedtact.studio.force_calibration_session import ForceCalibrationSession
 
-        reader = UnscaledForceReader(folder, force)
+        calibration = KnownLoadCalibration(folder, force)
         has_twin = folder.record.twin is not None or (self.source is not None and is_twin_address(self.source))
         simulated, stiffness = simulated_loaded_camera(folder) if has_twin else (None, None)
         list_cameras = partial(list_calibration_cameras, self.source, has_twin)
@@ -112,7 +113,7 @@ class GuidedPages:
                 simulated.offer(ball_press_under_load(grams))
 
         camera = self._switchable_camera(list_cameras, simulated)
-        session = ForceCalibrationSession(camera, folder.path, reader, on_load=offer_load)
+        session = ForceCalibrationSession(camera, folder.path, calibration, on_load=offer_load)
         make_page = partial(
             ForceCalibrationPage,
             session=session,
@@ -124,7 +125,7 @@ class GuidedPages:
         with suppress(KeyboardInterrupt):
             if self._serve_until_wanted("force calibration", session, make_page, [session.live_requested]):
                 self.source = session.state.source
-                self._serve_live(folder, force)
+                self._serve_live(load_sensor(folder.path), force)
         return session.saved
 
     def live_page(self, folder: "SensorFolder", force: str | None = None) -> tuple[PageSensor, PageSettings]:

@@ -2,12 +2,11 @@
 warnings come out.
 
 Images show strain, not stress. The gel's shear modulus varies by a quarter from batch to batch and is an unknown factor on all six
-axes, which presses on a kitchen scale determine (`calibration.force_calibration`). Until then, a quarter of every force is part of
-its stated error. The factor may also depend on the load, because the gel stiffens as it thins: F_true = k·F·(F/F_0)^c. F_z and the
-torques T_x and T_y, which F_z makes about the skin's centre, follow this power law, which was fitted to loads; shear and the twist
-T_z have its factor at light load.
+axes, and one ball hardly tells how far the base below the gel yields. Presses on a kitchen scale determine both
+(`calibration.force_calibration`). Until then, their errors are part of every stated error.
 
-The fitted scale is kept in `force.toml` in the sensor folder, in one table for each estimator.
+Modulus and base are properties of the gel and stand in `sensor.toml`. The factor that known loads give the output of a network is
+kept in `force.toml` in the sensor folder, in one table for each estimator.
 """
 
 import tomllib
@@ -20,9 +19,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 import tomli_w
-from jaxtyping import Float
 from msgspec import Meta
-from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
@@ -88,69 +85,40 @@ def zero_wrench(stamp_ns: int = 0) -> Wrench:
     return Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)
 
 
-MAX_EXPONENT = 3.0
-"""Largest magnitude of the exponent of the load; a larger one means that images or weights were exchanged."""
 WIDEST_FACTOR = 5.0
 """Largest ratio between known and estimated load, in either direction; a larger one means a wrong unit or a wrong sensor."""
 
 
 @dataclass(frozen=True)
 class ForceScale:
-    """Factor by which a sensor's estimated wrenches are multiplied, as a function of the load; the default is a factor of one."""
+    """The factor on the forces of one estimator, and the relative error that is common to all of them."""
 
     factor: Annotated[float, Meta(ge=1 / WIDEST_FACTOR, le=WIDEST_FACTOR)] = 1.0
-    curve: Annotated[float, Meta(ge=-MAX_EXPONENT, le=MAX_EXPONENT)] = 0.0
-    """Exponent c of the load, with which the factor changes."""
-    about_n: Annotated[float, Meta(ge=1e-3, le=1e3)] = 1.0
-    """Load F_0 at which the factor is `factor`."""
     error: Annotated[float, Meta(ge=0, le=1)] = 0.0
-    """Relative error of a scaled force: root mean square over presses that are left out of the fit one at a time."""
+    """Relative error of a scaled force that modulus and base of the gel leave."""
     presses: Annotated[int, Meta(ge=0, le=10_000)] = 0
-    """Number of presses of known load that the scale was fitted to."""
+    """Number of presses of known load that determine it."""
     model_sha256: Annotated[str, Meta(max_length=64)] = ""
     """`ForceEstimator.model_sha256` of the estimator; assigned when the scale is written."""
-
-    def at(self, load_n: float) -> float:
-        """Return the factor for a wrench with this estimated load."""
-        if self.curve == 0:
-            return self.factor
-        nearby = np.clip(load_n / self.about_n, 1 / WIDEST_FACTOR, WIDEST_FACTOR)
-        return float(self.factor * nearby**self.curve)
-
-    def _has_slope_at(self, load_n: float) -> bool:
-        """Return whether the factor changes with the load there; it is constant far from `about_n`."""
-        return bool(1 / WIDEST_FACTOR < load_n / self.about_n < WIDEST_FACTOR)
 
     def __call__(self, estimate: WrenchEstimate) -> WrenchEstimate:
         """Return the estimate with wrench, covariance and tractions scaled; the error of the scale, common to all axes, is
         included.
-
-        The estimate's torques are about the skin's centre.
         """
-        wrench = estimate.wrench
-        under_load, light = self.at(-float(wrench.force_n[2])), self.at(0.0)
-        factors = np.array([light, light, under_load, under_load, under_load, light])
-        six = wrench.six * factors
+        wrench, factor = estimate.wrench, self.factor
+        six = factor * wrench.six
         scaled = Wrench(six[:3], six[3:], wrench.about_mm, wrench.stamp_ns)
-        covariance = self._scale_covariance(estimate, factors) + self.error**2 * np.outer(six, six)
-        traction = None if estimate.traction is None else _scale_traction(estimate.traction, under_load, light)
+        covariance = factor**2 * estimate.covariance + self.error**2 * np.outer(six, six)
+        traction = None if estimate.traction is None else _scale_traction(estimate.traction, factor)
         return replace(estimate, wrench=scaled, covariance=covariance, traction=traction)
 
-    def _scale_covariance(self, estimate: WrenchEstimate, factors: Float[Array, "6"]) -> Float[Array, "6 6"]:
-        """Return the covariance of the scaled wrench: an error of the load also changes the factor, by the power law's slope."""
-        covariance, six = estimate.covariance, estimate.wrench.six
-        load_n = -six[2]
-        if not self.curve or not self._has_slope_at(load_n) or not np.isfinite(covariance).all():
-            # Estimates without a stated error have infinite variances, which stay infinite.
-            with np.errstate(invalid="ignore"):
-                return covariance * np.outer(factors, factors)
-        jacobian = np.diag(factors)
-        jacobian[2:5, 2] += self.curve * factors[2:5] * six[2:5] / six[2]
-        return jacobian @ covariance @ jacobian.T
 
-
-UNCALIBRATED = ForceScale(error=0.25)
+BASE_ERROR = 0.1
+"""Relative error of forces due to the base of the gel, which the ball of the calibration hardly tells."""
+UNCALIBRATED = ForceScale(error=float(np.hypot(0.25, BASE_ERROR)))
 """The scale of a sensor that was never pressed with known loads: silicone of one name and hardness varies by a quarter."""
+MODULUS_KNOWN = ForceScale(error=BASE_ERROR, presses=1)
+"""The scale of a simulated sensor whose gel's modulus is given, and whose base is not."""
 _UNCALIBRATED_NOTICE = (
     f"gel not calibrated for force: all forces ±{UNCALIBRATED.error:.0%}, which is part of the stated errors; "
     "see 'ninedtact adapt'"
@@ -163,12 +131,12 @@ _EDITED_NOTICE = (
 )
 
 
-def _scale_traction(traction: Traction, pressure_factor: float, shear_factor: float) -> Traction:
-    """Return a traction with pressure and shear multiplied by their factors."""
+def _scale_traction(traction: Traction, factor: float) -> Traction:
+    """Return a traction with pressure and shear multiplied by a factor."""
     return replace(
         traction,
-        pressure_mpa=traction.pressure_mpa * np.float32(pressure_factor),
-        shear_mpa=traction.shear_mpa * np.float32(shear_factor),
+        pressure_mpa=traction.pressure_mpa * np.float32(factor),
+        shear_mpa=traction.shear_mpa * np.float32(factor),
     )
 
 
@@ -216,11 +184,17 @@ class ForceScaleTables:
     """Whether the numbers of the file differ from those that `write_force_scale` wrote."""
 
 
-def apply_sensor_force_scale(estimator: ForceEstimator, sensor: Path) -> ScaledForceEstimator:
+def apply_sensor_force_scale(
+    estimator: ForceEstimator, sensor: Path, of_gel: ForceScale | None = None
+) -> ScaledForceEstimator:
     """Return an estimator with the force scale of a sensor folder, `UNCALIBRATED` where there is none.
+
+    of_gel: the error of modulus and base that known loads determined for the gel with which the estimator computes.
 
     A scale that was fitted to another model of the same name is not used, and a notice says so. Raises `FileFormatError`.
     """
+    if of_gel is not None:
+        return ScaledForceEstimator(estimator, of_gel)
     found = read_force_scales(sensor)
     notices = [_EDITED_NOTICE] if found.is_edited else []
     scale = select_force_scale(estimator, found.scales)

@@ -5,7 +5,8 @@ from typing import Any
 
 from viser import GuiEvent, Icon
 
-from ninedtact.calibration.force_calibration import ForceScaleFit, weight_of_grams_n
+from ninedtact.calibration.force_calibration import weight_of_grams_n
+from ninedtact.calibration.known_load_fit import KnownLoadFit
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.source_addresses import is_twin_address
 from ninedtact.studio.force_calibration_session import (
@@ -215,17 +216,17 @@ def _press_cells(number: int, press: TakenPress, scale: LoadScaleSoFar) -> tuple
     """Return number, load, estimate, calibrated force and its error of a press, as far as they are known."""
     weighed_n, calibrated, off = weight_of_grams_n(press.grams), "", ""
     if scale.fit is not None:
-        calibrated_n = press.estimated_n * scale.fit.adaptation.at(press.estimated_n)
+        calibrated_n = scale.fit.estimated_n[number - 1]
         calibrated, off = f"{calibrated_n:.2f} N", f"{calibrated_n / weighed_n - 1:+.1%}"
     return f"{number}", f"{press.grams:g} g = {weighed_n:.2f} N", f"{press.estimated_n:.2f} N", calibrated, off
 
 
-def _fit_rows(fit: ForceScaleFit) -> dict[str, str]:
-    """Return the scale and its errors, as the command prints them."""
-    scale = fit.adaptation
-    curve = f" × (load / {scale.about_n:.1f} N)^{scale.curve:+.2f}" if scale.curve else ""
+def _fit_rows(fit: KnownLoadFit) -> dict[str, str]:
+    """Return the gel, or the factor, and its errors, as the command prints them."""
+    base = {"gel over base": f"{fit.ratio:.3f} ± {fit.ratio_std:.3f}"} if fit.ratio_std > 0 else {}
     return {
-        "force scale": f"{scale.factor:.3f}{curve}",
-        "error of a press left out": f"{scale.error:.1%}",
-        "without a scale": f"{fit.unadapted:.1%}",
+        "true over assumed modulus": f"{fit.factor:.3f} ± {fit.factor * fit.modulus_std:.3f}",
+        **base,
+        "error of a press left out": "" if fit.left_out is None else f"{fit.left_out:.1%}",
+        "before": f"{fit.unadapted:.1%}",
     }

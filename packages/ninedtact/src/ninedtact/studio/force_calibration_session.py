@@ -3,8 +3,8 @@
     camera ──image──▶ watcher of the phase ──press──▶ reader (estimate) ──▶ scale so far      in the thread of the session
     buttons ─────────▶ start, set_load, remove, take_another, save, start_over                from any thread
 
-Before every press an image without contact becomes the reference. A camera that is lost is waited for; the presses stay. The scale
-is fitted and saved by the functions of the command `ninedtact adapt`.
+Before every press an image without contact becomes the reference. A camera that is lost is waited for; the presses stay. The gel,
+or the factor of a network, is fitted and saved by the functions of the command `ninedtact adapt`; "scale" means either.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,13 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from ninedtact.calibration.force_calibration import (
-    FEWEST,
-    ForceScaleFit,
-    ForceScaleImpossible,
-    KnownLoadPress,
-    UnscaledForceReader,
-    estimated_load_n,
-    fit_force_scale,
+    KnownLoadCalibration,
+    PressImage,
     weight_of_grams_n,
 )
 from ninedtact.calibration.guidance import (
@@ -31,8 +26,9 @@ from ninedtact.calibration.guidance import (
     make_still_press_watcher,
     make_untouched_skin_watcher,
 )
+from ninedtact.calibration.known_load_fit import ForceScaleImpossible, KnownLoadFit, KnownLoadPress
 from ninedtact.errors import NinedtactError
-from ninedtact.force.estimator_and_scale import write_force_scale
+from ninedtact.force.estimator_and_scale import WIDEST_FACTOR
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.reading import Reading
 from ninedtact.studio.guided_session import GuidedSession, GuidedState
@@ -47,6 +43,8 @@ _ALIKE = 0.25
 """Difference of the logarithms of two loads up to which they count as the same suggested load."""
 _FEWEST_FOR_OUTLIER = 3
 """Number of presses from which one that contradicts the others can be named."""
+FEWEST_WEIGHED = 2
+"""Number of presses from which the page offers to save: two show whether they agree."""
 
 
 class ForceCalibrationPhase(Enum):
@@ -62,23 +60,33 @@ class ForceCalibrationPhase(Enum):
 
 @dataclass(frozen=True)
 class TakenPress:
-    """A press that was taken: its load, and the force that the estimator states without a scale."""
+    """A press that was taken: its load, its images, and the estimates of its load."""
 
     grams: float
-    estimated_n: float
-    warnings: tuple[str, ...] = ()
+    estimate: KnownLoadPress
+    image: PressImage | None = None
 
     @property
-    def known_load_press(self) -> KnownLoadPress:
-        """The press as the fit takes it; raises `ForceScaleImpossible`."""
-        return KnownLoadPress(self.estimated_n, weight_of_grams_n(self.grams))
+    def estimated_n(self) -> float:
+        """The load that the estimator states before the calibration with known loads."""
+        return self.estimate.calibrated_n
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to distrust the estimate."""
+        return tuple(map(str, self.estimate.warnings))
+
+    def numbered(self, number: int) -> KnownLoadPress:
+        """Return the press as the fit takes it, named by its number and load; raises `ForceScaleImpossible`."""
+        name = f"press {number} ({self.grams:g} g)"
+        return replace(self.estimate, name=name, weighed_n=weight_of_grams_n(self.grams))
 
 
 @dataclass(frozen=True)
 class LoadScaleSoFar:
     """What the presses so far say about the force scale."""
 
-    fit: ForceScaleFit | None = None
+    fit: KnownLoadFit | None = None
     """None for too few presses, or for presses that are refused."""
     refusal: str = ""
     """Why the presses determine no scale."""
@@ -104,28 +112,29 @@ class ForceCalibrationState(GuidedState):
         return self.phase is ForceCalibrationPhase.PREVIEW
 
 
-def fit_scale_so_far(presses: Sequence[TakenPress]) -> LoadScaleSoFar:
-    """Return the scale of the presses so far, or why there is none, and the press that is the most doubtful."""
-    known: list[KnownLoadPress] = []
-    for number, press in enumerate(presses):
-        try:
-            known.append(press.known_load_press)
-        except ForceScaleImpossible as refusal:
-            return LoadScaleSoFar(None, f"press {number + 1} ({press.grams:g} g): {refusal}", number)
-    doubtful = _most_doubtful(known)
-    if len(known) < FEWEST:
+def fit_scale_so_far(
+    presses: Sequence[TakenPress], fit: Callable[[Sequence[KnownLoadPress]], KnownLoadFit]
+) -> LoadScaleSoFar:
+    """Return the scale of the presses so far, or why there is none, and the press that is the most doubtful.
+
+    fit: fits the gel, or a factor, to presses (`KnownLoadCalibration.fit`).
+    """
+    known = [press.numbered(number) for number, press in enumerate(presses, 1)]
+    doubtful = _most_doubtful(presses)
+    if len(known) < FEWEST_WEIGHED:
         return LoadScaleSoFar(doubtful=doubtful)
     try:
-        return LoadScaleSoFar(fit_force_scale(known), doubtful=doubtful)
+        return LoadScaleSoFar(fit(known), doubtful=doubtful)
     except ForceScaleImpossible as refusal:
         return LoadScaleSoFar(None, str(refusal), doubtful)
 
 
-def _most_doubtful(presses: Sequence[KnownLoadPress]) -> int | None:
+def _most_doubtful(presses: Sequence[TakenPress]) -> int | None:
     """Return the press whose factor is farthest from the median one, or the last of too few; None without presses."""
+    factors = np.log([weight_of_grams_n(press.grams) / press.estimated_n for press in presses])
     if len(presses) < _FEWEST_FOR_OUTLIER:
-        return len(presses) - 1 if presses else None
-    factors = np.log([press.weighed_n / press.estimated_n for press in presses])
+        wrong_unit = np.flatnonzero(np.abs(factors) > np.log(WIDEST_FACTOR))
+        return int(wrong_unit[0]) if len(wrong_unit) else len(presses) - 1 if presses else None
     return int(np.abs(factors - np.median(factors)).argmax())
 
 
@@ -135,7 +144,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
 
     sensor: Path
     """Sensor folder, in which the scale is kept."""
-    reader: UnscaledForceReader
+    calibration: KnownLoadCalibration
     loads_g: Sequence[float] = USUAL_LOADS_G
     on_load: Callable[[float], None] = lambda grams: None
     """Called with the load of each press that is awaited, g, and with 0 where nothing may touch."""
@@ -144,6 +153,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
     """The file that was written last, also after somebody has started over."""
     _watch: ImageWatcher | None = field(default=None, init=False, repr=False)
     _reference: BgrImage | None = field(default=None, init=False, repr=False)
+    _references: tuple[Frame, ...] = field(default=(), init=False, repr=False)
     _refusal: str = field(default="", init=False, repr=False)
 
     def _first_state(self) -> ForceCalibrationState:
@@ -194,10 +204,19 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
                 return
             if scale.fit is None:
                 raise ForceScaleImpossible(
-                    scale.refusal or f"expected at least {FEWEST} presses of known weight, got fewer; press with more"
+                    scale.refusal
+                    or f"expected at least {FEWEST_WEIGHED} presses of known weight, got fewer; press with more"
                 )
+            presses = self._state.presses
+            known = [press.numbered(number) for number, press in enumerate(presses, 1)]
+            images = [
+                replace(press.image, name=each.name)
+                for press, each in zip(presses, known, strict=True)
+                if press.image is not None
+            ]
+            sensor = self.calibration.adapted_sensor(scale.fit, known, images)
             try:
-                file = write_force_scale(self.sensor, self.reader.estimator, scale.fit.adaptation)
+                file = self.calibration.save(scale.fit, sensor)
             except OSError as trouble:
                 raise ForceScaleImpossible(
                     f"expected to write the force scale into {self.sensor}, got: {trouble}; make room or change its permissions"
@@ -216,7 +235,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
 
     def _set_presses(self, presses: tuple[TakenPress, ...]) -> None:
         """Change the presses and fit the scale to them."""
-        self._set(presses=presses, scale=fit_scale_so_far(presses))
+        self._set(presses=presses, scale=fit_scale_so_far(presses, self.calibration.fit))
 
     def _enter(self, phase: ForceCalibrationPhase) -> None:
         """Begin a phase with a new watcher."""
@@ -275,17 +294,17 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
     def _done_with(self, before: ForceCalibrationState, image: BgrImage) -> Callable[[], None]:
         """Return what follows from the image with which a phase ends; raises why it cannot be used."""
         if before.phase is not ForceCalibrationPhase.PRESS:
-            self.reader.use_reference([Frame(image)])
+            self.calibration.require_references([Frame(image)])
             return lambda: self._go_on(image)
-        reading = self.reader.read(f"the press with {before.load_g:g} g", Frame(image))
-        _require_in_middle(reading)
-        warnings = tuple(str(warning) for warning in reading.warnings)
-        return lambda: self._take(TakenPress(self._state.load_g, estimated_load_n(reading), warnings))
+        press = PressImage(f"the press with {before.load_g:g} g", Frame(image), self._references)
+        _require_in_middle(self.calibration.read(press))
+        estimate = self.calibration.estimate(press, before.load_g)
+        return lambda: self._take(TakenPress(self._state.load_g, estimate, press))
 
     def _go_on(self, reference: BgrImage) -> None:
         """Wait for the next load, or for a person once all are taken."""
         was_lift, taken = self._state.phase is ForceCalibrationPhase.LIFT, len(self._state.presses)
-        self._reference = reference
+        self._reference, self._references = reference, (Frame(reference),)
         if taken < len(self.loads_g) or not was_lift:  # a press that was dropped is asked for again
             if was_lift:
                 self._set(load_g=self._next_load_g())

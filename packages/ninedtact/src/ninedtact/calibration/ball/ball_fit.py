@@ -27,7 +27,7 @@ from scipy.optimize import isotonic_regression, minimize, minimize_scalar
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_press
 from ninedtact.calibration.ball.contact_circle import require_explained_by_ball, spherical_cap_height_mm
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
-from ninedtact.calibration.twin.ball_press_fit import ParameterPrior, TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.ball_press_fit import KnownBase, ParameterPrior, TwinFit, fit_twin_to_ball_press
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage
@@ -72,12 +72,13 @@ def fit_ball_by_physics(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: BallPressParameters | None = None,
+    base: KnownBase | None = None,
 ) -> "TwinBallFit":
-    """Fit contact mechanics and light to a press, with priors and initial parameters as for `fit_twin_to_ball_press`.
+    """Fit contact mechanics and light to a press, with priors, initial parameters and base as for `fit_twin_to_ball_press`.
 
     Raises `BallPressUnusable` where a ball in gel does not explain the image.
     """
-    twin_fit = fit_twin_to_ball_press(press, design, priors, initial)
+    twin_fit = fit_twin_to_ball_press(press, design, priors, initial, base)
     require_explained_by_ball(twin_fit.image_rmse_grey_levels, press.circle)
     return TwinBallFit(press.about(twin_fit.centre_px), FINE_SMOOTHING, twin_fit)
 

@@ -208,6 +208,21 @@ class ParameterPrior:
 
 
 @dataclass(frozen=True)
+class KnownBase:
+    """The base of a gel as known loads tell it, which the fit takes as it is."""
+
+    modulus_ratio: float
+    """Modulus of the gel over that of the base."""
+    std: float = 0.0
+    """Its standard deviation, which moves the other parameters along with it."""
+
+    @property
+    def held(self) -> ParameterPrior:
+        """The prior that holds the base there."""
+        return ParameterPrior("gel_to_base_modulus_ratio", self.modulus_ratio, _HELD_STD)
+
+
+@dataclass(frozen=True)
 class _PriorTerms:
     """Prior terms as observations beside those of the image."""
 
@@ -232,10 +247,12 @@ def fit_twin_to_ball_press(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: BallPressParameters | None = None,
+    base: KnownBase | None = None,
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball.
 
-    priors: prior terms from other images. initial: initial parameters, where approximate values are known.
+    priors: prior terms from other images. initial: initial parameters, where approximate values are known. base: the base of the
+    gel, where something else than this image tells it.
     """
     start_s = perf_counter()
     observed, model = ObservedBallPress(press.before, press.after, press.centre_mm), BallPressModel(design)
@@ -247,12 +264,13 @@ def fit_twin_to_ball_press(
         start = initial.vector
     start, initial_residual = _leave_some_gel(problem, start)
     observations = effective_observation_count(observed.image(initial_residual))
+    priors = priors if base is None else (*priors, base.held)
     prior_terms = _make_prior_terms(design.gel, initial_residual, observations, priors)
     problem, vector, jacobian = _fit_finely(problem, start, prior_terms)
     coefficients, residual = problem.fit_linear_terms(vector)
-    model_error = np.zeros_like(vector)
-    if not design.gel.has_rigid_base:
-        model_error = MODULUS_RATIO_MODEL_STD * _change_per_modulus_ratio(problem, vector, prior_terms)
+    model_error, base_std = np.zeros_like(vector), MODULUS_RATIO_MODEL_STD if base is None else base.std
+    if base_std > 0 and not design.gel.has_rigid_base:
+        model_error = base_std * _change_per_modulus_ratio(problem, vector, prior_terms)
     uncertainty = estimate_uncertainty(jacobian, residual, observations, model_error)
     return TwinFit(
         problem, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s

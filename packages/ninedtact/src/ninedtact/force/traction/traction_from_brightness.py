@@ -246,8 +246,6 @@ class UncertaintyModel:
     """Relative error of the mechanics and of the brightness law."""
     thickness: float = 0.02
     """Relative error of the gel's thickness, as fitted to the ball press."""
-    base: float = 0.1
-    """Relative error due to the base of the gel, which one ball hardly tells; known loads at the depth of use remove it."""
     unresolved: float = 0.01
     """Relative error of the force of one peak of pressure per ratio of the resolution to the gel's thickness. Found on simulated
     sensors, as the two below."""
@@ -266,13 +264,14 @@ class UncertaintyModel:
     def wrench_covariance(
         self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float, stiffening: float = 1.0
     ) -> Float64[Array, "6 6"]:
-        """Return the covariance of the wrench, N and N·m, without the error of the shear modulus, which scales all of it.
+        """Return the covariance of the wrench, N and N·m, without the errors of the gel's shear modulus and base, which scale all
+        of it (`ForceScale.error`).
 
         stiffening: ratio of the load at finite strain to that of the linear layer.
         """
         forward, pressure = result.problem.kernels.forward, result.tractions[0].astype(float)
         unresolved = self._unresolved(pressure, forward)
-        relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + self.base**2 + unresolved**2
+        relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
         relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
         short_mm, long_mm = _half_axes_mm(pressure, *forward.cells.coordinates_mm)
