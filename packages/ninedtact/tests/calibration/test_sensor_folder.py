@@ -29,7 +29,7 @@ from ninedtact.calibration.save import (
     to_sensor_toml,
 )
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged, load_sensor
-from ninedtact.calibration.sensor_toml_schema import GridTable, LensCorrectionTable, PinMapTable
+from ninedtact.calibration.sensor_toml_schema import GridTable, KnownLoadTable, LensCorrectionTable, PinMapTable
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main
@@ -335,12 +335,16 @@ def test_a_calibration_says_which_later_measurements_it_removes(
     shutil.copytree(twin_sensor.path, out)
     write_force_scale(out, NoForceEstimator(), ForceScale(1.2))
     write_camera_delay(out, CameraDelay(30.0, 1.0))
+    known = KnownLoadTable(4, 0.05, 0.1, 0.02, 0.9, 0.05, 0.04)
+    (out / "sensor.toml").write_bytes(to_sensor_toml(msgspec.structs.replace(twin_sensor.record, known_loads=known)))
+    assert load_sensor(out).record.known_loads == known
     with pytest.raises(InputError):
         calibrate_command(out, images, ball, settings=CalibrationSettings(lens="paper"))
     assert "removed" not in capsys.readouterr().err and (out / "force.toml").is_file()
     calibrate_command(out, images, ball)
     said = capsys.readouterr().err
     assert f"({out / 'force.toml'}) was removed" in said and "run 'ninedtact adapt' again" in said
+    assert f"({out / 'sensor.toml, known_loads'}) was removed" in said
     assert f"({out / 'camera.toml'}) was removed" in said and "run 'ninedtact camera-delay' again" in said
     assert not (out / "force.toml").exists() and not (out / "camera.toml").exists()
 
