@@ -38,13 +38,14 @@ from ninedtact.calibration.sensor_toml_schema import (
     LensModelTable,
     PinMapTable,
     PixelMapTable,
+    SecondBallQuality,
     SensorTomlRecord,
     make_lens_model_table,
     make_pin_map_table,
     require_sensor_id,
 )
 from ninedtact.calibration.settings import CalibrationSettings, LensKind
-from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.calibration.twin.ball_press_fit import FurtherPress, TwinFit
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.calibration.twin.twin_table import make_twin_table
@@ -62,14 +63,24 @@ second corrects the effect of that.
 """
 
 
+BOARD_NAMES, BALL_NAMES = ("board_reference", "board"), ("ball_reference", "ball")
+SECOND_BALL_NAMES = ("second_ball_reference", "second_ball")
+"""Names of the two images of each press, as fields of `CalibrationImages` and as files of a folder."""
+
+
 @dataclass(frozen=True)
 class CalibrationImages:
-    """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing."""
+    """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing.
+
+    A second ball, of another radius or pressed to another depth, tells the base of the gel, and so the true depth.
+    """
 
     board_reference: BgrImage | None = None
     board: BgrImage | None = None
     ball_reference: BgrImage | None = None
     ball: BgrImage | None = None
+    second_ball_reference: BgrImage | None = None
+    second_ball: BgrImage | None = None
 
     @property
     def board_pair(self) -> tuple[BgrImage, BgrImage] | None:
@@ -80,6 +91,13 @@ class CalibrationImages:
     def ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
         """The skin before the ball and under it; None where the ball was not pressed."""
         return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
+
+    @property
+    def second_ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
+        """The skin before the second ball and under it; None where none was pressed."""
+        if self.second_ball_reference is None or self.second_ball is None:
+            return None
+        return self.second_ball_reference, self.second_ball
 
 
 @dataclass(frozen=True)
@@ -174,16 +192,43 @@ def _fit_presses(
     if images.ball_pair is None:
         return CalibrationFits(board, rectify)
     on_step("fitting gel and light to the image of the ball")
-    ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
+    second = _second_press(rectify, images, design, settings)
+    ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing, second)
     fits = CalibrationFits(board, rectify, ball)
     # The twin predicts the board through a lens model alone.
     if board is None or board.correction is not None or settings.lens == "paper":
         return fits
-    return _alternate_board_and_ball(fits, images, design, on_step)
+    return _alternate_board_and_ball(fits, images, design, settings, on_step)
+
+
+def _second_press(
+    rectify: Rectification, images: CalibrationImages, design: SensorDesign, settings: CalibrationSettings
+) -> tuple[FurtherPress, ...]:
+    """Return the press of the second ball, where there is one; raises `BallPressUnusable`, whose message names it, `InputError`."""
+    pair = images.second_ball_pair
+    if pair is None:
+        return ()
+    if settings.method != "physics":
+        raise InputError(
+            expected="the method physics for a second ball, which is fitted together with the first",
+            got=f"the method {settings.method}",
+            remedy="leave out the second ball, or choose physics",
+        )
+    try:
+        press = find_ball_press(rectify, *pair, design.ball.second, "physics")
+    except BallPressUnusable as refusal:
+        raise BallPressUnusable(
+            expected=f"of the second ball {refusal.expected}", got=refusal.got, remedy=refusal.remedy
+        ) from refusal
+    return (FurtherPress(press, design.ball.second),)
 
 
 def _alternate_board_and_ball(
-    fits: CalibrationFits, images: CalibrationImages, design: SensorDesign, on_step: Callable[[str], None]
+    fits: CalibrationFits,
+    images: CalibrationImages,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    on_step: Callable[[str], None],
 ) -> CalibrationFits:
     """Return the fits after lens and ball were fitted in turn, each with what the image of the other shows.
 
@@ -204,7 +249,8 @@ def _alternate_board_and_ball(
         on_step("fitting gel and light to the image of the ball")
         try:
             press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
-            ball = fit_ball_by_physics(press, design, board_press.priors, twin.press)
+            second = _second_press(rectify, images, design, settings)
+            ball = fit_ball_by_physics(press, design, board_press.priors, twin, second)
         except BallPressUnusable:
             return fits
         fits = CalibrationFits(refined, rectify, ball, board_press)
@@ -249,7 +295,9 @@ def _make_record(
         lens=lens,
         depth=depth,
         twin=twin,
-        certificate=Certificate(board_quality, ball_quality, _warnings(images, fits, design)),
+        certificate=Certificate(
+            board_quality, ball_quality, _second_ball_quality(fits.twin), _warnings(images, fits, design)
+        ),
     )
 
 
@@ -298,7 +346,36 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     if images.board_pair is not None and images.ball_pair is not None:
         references = images.board_pair[0], images.ball_pair[0]
         warnings += [*reference_mismatch_warnings(*references), *different_skin_warnings(*references)]
+    if images.ball_pair is not None and images.second_ball_pair is not None:
+        references = images.ball_pair[0], images.second_ball_pair[0]
+        warnings += different_skin_warnings(*references, "ball", "second ball")
+    second = _second_ball_quality(fits.twin)
+    if second is not None and second.first_std_mm > _LITTLE_GAIN * second.first_std_alone_mm:
+        warnings.append(
+            f"the second ball (radius {second.ball_radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep) adds little: "
+            f"the depth of the first is known to {second.first_std_mm:.2g} mm with it and to {second.first_std_alone_mm:.2g} mm "
+            "without; press a ball of another radius (ninedtact calibrate --plan says which)"
+        )
     return warnings
+
+
+_LITTLE_GAIN = 0.8
+"""Share of the error of the depth that is left, above which a second press adds little."""
+
+
+def _second_ball_quality(twin: TwinFit | None) -> SecondBallQuality | None:
+    """Return the quality of the press of the second ball; None where there is none."""
+    if twin is None or not twin.further:
+        return None
+    second, deviations = twin.further[0], twin.uncertainty.standard_deviations
+    return SecondBallQuality(
+        second.ball.radius_mm,
+        second.press.depth_mm,
+        deviations["press_2_depth_mm"],
+        second.residual_rms_grey_levels,
+        deviations["depth_mm"],
+        deviations["depth_mm"] / twin.depth_std_share,
+    )
 
 
 def _board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> BoardQuality:
@@ -348,15 +425,20 @@ def repeat_calibration(
     design: SensorDesign | None = None,
     on_step: Callable[[str], None] = lambda step: None,
     smoothing: Smoothing | None = None,
+    second_ball: tuple[BgrImage, BgrImage] | None = None,
 ) -> Calibration:
     """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
 
-    ball: new images of the skin before the ball and under it, in place of stored ones. design, smoothing: in place of the stored
-    ones. Raises `SensorFolderDamaged` where images are missing, `CalibrationError` where none of a ball are stored or given, and
-    what `calibrate` raises.
+    ball, second_ball: new images of the skin before the ball and under it, in place of stored ones; those of a second ball are used
+    by the method `physics` alone. design, smoothing: in place of the stored ones. Raises `SensorFolderDamaged` where images are
+    missing, `CalibrationError` where none of a ball are stored or given, and what `calibrate` raises.
     """
-    names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")
-    new = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
+    names = BALL_NAMES if folder.is_imported else (*BOARD_NAMES, *BALL_NAMES)
+    new = {} if ball is None else dict(zip(BALL_NAMES, ball, strict=True))
+    if second_ball is not None:
+        new |= dict(zip(SECOND_BALL_NAMES, second_ball, strict=True))
+    if SECOND_BALL_NAMES[0] in {*new, *folder.record.images} and method == "physics":
+        names = (*names, *SECOND_BALL_NAMES)
     images = CalibrationImages(
         **{name: new[name] if name in new else folder.stored_image(name).image for name in names}
     )
