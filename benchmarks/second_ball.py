@@ -15,12 +15,13 @@ from figures import Figure, answer, at_most, holds
 
 from ninedtact import CalibrationImages, SensorDesign, calibrate
 from ninedtact.calibration.ball.ball_press import find_ball_press
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.press_plan import (
     CandidatePress,
     KnownPress,
     errors_with_candidate,
 )
-from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.ball_press_fit import FurtherPress, TwinFit, fit_twin_to_ball_press
 from ninedtact.capture.strict_image_reading import average_images
 from ninedtact.design import BallGauge
 from ninedtact.mechanics.indenter import Ball
@@ -72,7 +73,7 @@ def second_ball(
         for number in range(1 if quick else sensors):
             who = sample_sensor(number, seed, LAYERED)
             who = replace(who, gel=replace(who.gel, gel_to_base_modulus_ratio=ratio))
-            one, two, planned_mm = depths(who, radius_mm)
+            one, two, planned_mm = depths(who, radius_mm, refines_lens=not quick)
             alone.append(one)
             both.append(two)
             figures += list(of_one_sensor(f"base {base}, sensor {number}", one, two, planned_mm))
@@ -101,15 +102,26 @@ def summary(alone: list[DepthFound], both: list[DepthFound]) -> Iterator[Figure]
             yield holds(f"{name}: truth within {times} σ", share, f"{least:g} to {most:g}", least <= share <= most)
 
 
-def depths(who: SampledSensor, radius_mm: float) -> tuple[DepthFound, DepthFound, float]:
-    """The depth from the first ball alone and from both, and the ± that was planned for both."""
+def depths(who: SampledSensor, radius_mm: float, refines_lens: bool) -> tuple[DepthFound, DepthFound, float]:
+    """The depth from the first ball alone and from both, and the ± that was planned for both.
+
+    refines_lens: whether the lens is fitted to the image of the board, as a calibration does, or to its pins alone.
+    """
     true_mm = who.presses.for_gel(who.design.gel).ball_depth_mm
     design = replace(SensorDesign(), ball=BallGauge(second_radius_mm=radius_mm))
-    made = calibrate(images_with_second_ball(who, radius_mm, true_mm), design)
-    fit = made.fits.twin
-    assert fit is not None and made.images.ball_pair is not None
-    press = find_ball_press(made.rectify, *made.images.ball_pair, design.ball, "physics")
-    priors = () if made.fits.board_press is None else made.fits.board_press.priors
+    images = images_with_second_ball(who, radius_mm, true_mm)
+    assert images.board_pair is not None and images.ball_pair is not None and images.second_ball_pair is not None
+    if refines_lens:
+        made = calibrate(images, design)
+        fit, rectify = made.fits.twin, made.rectify
+        priors = () if made.fits.board_press is None else made.fits.board_press.priors
+    else:
+        fit, rectify = None, build_rectification(fit_board(*images.board_pair, design.pin_board), design)
+        priors = ()
+    press = find_ball_press(rectify, *images.ball_pair, design.ball, "physics")
+    if fit is None:
+        second = find_ball_press(rectify, *images.second_ball_pair, design.ball.second, "physics")
+        fit = fit_twin_to_ball_press(press, design, further=(FurtherPress(second, design.ball.second),))
     alone = fit_twin_to_ball_press(press, design, priors)
     known = KnownPress(
         design, alone.press, alone.light, alone.uncertainty.effective_observations, alone.image_rmse_grey_levels

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from ninedtact.calibration.guidance import guided_capture_steps
 from ninedtact.calibration.press_plan import known_press_of_design, plan_second_press
 from ninedtact.calibration.procedure import SECOND_BALL_NAMES
 from ninedtact.calibration.save import save_images_beside, to_sensor_toml
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.calibration.sensor_toml_schema import StoredCalibrationImage
+from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.calibration.twin.ball_press_fit import prior_of_base
 from ninedtact.calibration.twin.fit_parameters import (
     fit_parameters,
@@ -27,6 +29,8 @@ from ninedtact.calibration.twin.fit_uncertainty import model_error_share
 from ninedtact.cli import main
 from ninedtact.design import BallGauge, DesignImpossible, Gel, SensorDesign
 from ninedtact.mechanics.indenter import Ball
+from ninedtact.quantities import BgrImage
+from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.calibration_images import CALIBRATION_SOLVER_SETTINGS
 from ninedtact.simulation.calibration_press_models import BallPressParameters
 from ninedtact.simulation.trajectory import ScriptedPress
@@ -154,6 +158,18 @@ def test_a_second_ball_that_cannot_be_used_is_named(
         assert main(["calibrate", *options]) == 1
         assert said in capsys.readouterr().err, said
     assert not (tmp_path / "new").exists()
+
+
+def test_a_person_is_guided_through_the_second_ball_too() -> None:
+    design, settings = SensorDesign(), CalibrationSettings(method="ratio")
+    taken: dict[str, BgrImage] = {}
+    with SimulatedCalibrationCamera(default_twin(), design, rate_hz=1000.0) as camera:
+        for step in guided_capture_steps(design, settings, second_ball=True):
+            camera.follow(step.name)
+            watch = step.watch(taken)
+            kept = (watch(camera.read().image).image for _ in range(60))
+            taken[step.name] = next(image for image in kept if image is not None)
+    assert list(taken) == ["board_reference", "board", "ball_reference", "ball", *SECOND_BALL_NAMES]
 
 
 @pytest.mark.parametrize(("ratio", "said"), [(1.2, "softer than the gel"), (1e-6, "stiffer than glass")])

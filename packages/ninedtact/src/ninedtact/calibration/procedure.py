@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simulate_height_noise_mm
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
+from ninedtact.calibration.ball.second_ball import find_second_press, little_gain_warnings, second_ball_quality
 from ninedtact.calibration.board.board_fit import BoardFit, build_rectification, fit_board
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.brightness_change import (
@@ -38,14 +39,13 @@ from ninedtact.calibration.sensor_toml_schema import (
     LensModelTable,
     PinMapTable,
     PixelMapTable,
-    SecondBallQuality,
     SensorTomlRecord,
     make_lens_model_table,
     make_pin_map_table,
     require_sensor_id,
 )
 from ninedtact.calibration.settings import CalibrationSettings, LensKind
-from ninedtact.calibration.twin.ball_press_fit import FurtherPress, TwinFit
+from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.calibration.twin.twin_table import make_twin_table
@@ -192,35 +192,13 @@ def _fit_presses(
     if images.ball_pair is None:
         return CalibrationFits(board, rectify)
     on_step("fitting gel and light to the image of the ball")
-    second = _second_press(rectify, images, design, settings)
+    second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
     ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing, second)
     fits = CalibrationFits(board, rectify, ball)
     # The twin predicts the board through a lens model alone.
     if board is None or board.correction is not None or settings.lens == "paper":
         return fits
     return _alternate_board_and_ball(fits, images, design, settings, on_step)
-
-
-def _second_press(
-    rectify: Rectification, images: CalibrationImages, design: SensorDesign, settings: CalibrationSettings
-) -> tuple[FurtherPress, ...]:
-    """Return the press of the second ball, where there is one; raises `BallPressUnusable`, whose message names it, `InputError`."""
-    pair = images.second_ball_pair
-    if pair is None:
-        return ()
-    if settings.method != "physics":
-        raise InputError(
-            expected="the method physics for a second ball, which is fitted together with the first",
-            got=f"the method {settings.method}",
-            remedy="leave out the second ball, or choose physics",
-        )
-    try:
-        press = find_ball_press(rectify, *pair, design.ball.second, "physics")
-    except BallPressUnusable as refusal:
-        raise BallPressUnusable(
-            expected=f"of the second ball {refusal.expected}", got=refusal.got, remedy=refusal.remedy
-        ) from refusal
-    return (FurtherPress(press, design.ball.second),)
 
 
 def _alternate_board_and_ball(
@@ -249,7 +227,7 @@ def _alternate_board_and_ball(
         on_step("fitting gel and light to the image of the ball")
         try:
             press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
-            second = _second_press(rectify, images, design, settings)
+            second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
             ball = fit_ball_by_physics(press, design, board_press.priors, twin, second)
         except BallPressUnusable:
             return fits
@@ -296,7 +274,7 @@ def _make_record(
         depth=depth,
         twin=twin,
         certificate=Certificate(
-            board_quality, ball_quality, _second_ball_quality(fits.twin), _warnings(images, fits, design)
+            board_quality, ball_quality, second_ball_quality(fits.twin), _warnings(images, fits, design)
         ),
     )
 
@@ -349,33 +327,7 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     if images.ball_pair is not None and images.second_ball_pair is not None:
         references = images.ball_pair[0], images.second_ball_pair[0]
         warnings += different_skin_warnings(*references, "ball", "second ball")
-    second = _second_ball_quality(fits.twin)
-    if second is not None and second.first_std_mm > _LITTLE_GAIN * second.first_std_alone_mm:
-        warnings.append(
-            f"the second ball (radius {second.ball_radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep) adds little: "
-            f"the depth of the first is known to {second.first_std_mm:.2g} mm with it and to {second.first_std_alone_mm:.2g} mm "
-            "without; press a ball of another radius (ninedtact calibrate --plan says which)"
-        )
-    return warnings
-
-
-_LITTLE_GAIN = 0.8
-"""Share of the error of the depth that is left, above which a second press adds little."""
-
-
-def _second_ball_quality(twin: TwinFit | None) -> SecondBallQuality | None:
-    """Return the quality of the press of the second ball; None where there is none."""
-    if twin is None or not twin.further:
-        return None
-    second, deviations = twin.further[0], twin.uncertainty.standard_deviations
-    return SecondBallQuality(
-        second.ball.radius_mm,
-        second.press.depth_mm,
-        deviations["press_2_depth_mm"],
-        second.residual_rms_grey_levels,
-        deviations["depth_mm"],
-        deviations["depth_mm"] / twin.depth_std_share,
-    )
+    return warnings + little_gain_warnings(second_ball_quality(fits.twin))
 
 
 def _board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> BoardQuality:

@@ -116,7 +116,9 @@ class CalibrateCommand:
 
         require_sensor_id(self.sensor_id)
         if self.plan:
-            return self._print_plan()
+            from ninedtact.cli.press_plan_table import print_press_plan
+
+            return print_press_plan(self.out, self.resolved_design, self.json)
         with sensor_replacement(self.out):
             sensor = self._calibrate_on_page() if self.on_page.page else self._calibrate_from_images()
         if sensor is None:
@@ -131,22 +133,6 @@ class CalibrateCommand:
     def sensor_id(self) -> str:
         """Name of a sensor that is calibrated from the beginning."""
         return self.id or self.out.name or self.out.resolve().name  # without a name as in --out .
-
-    def _print_plan(self) -> int:
-        """Print what a second press would tell."""
-        from ninedtact.calibration.press_plan import known_press_of_design, known_press_of_sensor, plan_second_press
-        from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
-        from ninedtact.cli.press_plan_table import format_press_plan, press_plan_json_dict
-
-        is_calibrated = (self.out / SENSOR_FILE).is_file()
-        known = (
-            known_press_of_sensor(load_sensor(self.out))
-            if is_calibrated
-            else known_press_of_design(self.resolved_design)
-        )
-        plan, subject = plan_second_press(known), str(self.out) if is_calibrated else "the design"
-        print_result(self.json, press_plan_json_dict(subject, plan), format_press_plan(subject, plan))
-        return 0
 
     def _calibrate_from_images(self) -> "SensorFolder":
         from ninedtact.calibration.board.detection import BoardNotFound

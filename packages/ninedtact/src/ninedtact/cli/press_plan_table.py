@@ -2,12 +2,28 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from ninedtact.cli.result_and_interrupt import print_result
 
 if TYPE_CHECKING:
     from ninedtact.calibration.press_plan import PlannedErrors, PressPlan
+    from ninedtact.design import SensorDesign
 
 _COLUMNS = f"{'':52}{'pressed':>8}{'ball depth':>12}{'base':>9}{'thickness':>12}{'load':>8}"
+
+
+def print_press_plan(out: Path, design: "SensorDesign", json: bool) -> int:
+    """Print what a second press would tell of the sensor at `out`, or of a design where none is there; return the exit code."""
+    from ninedtact.calibration.press_plan import known_press_of_design, known_press_of_sensor, plan_second_press
+    from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
+
+    is_calibrated = (out / SENSOR_FILE).is_file()
+    known = known_press_of_sensor(load_sensor(out)) if is_calibrated else known_press_of_design(design)
+    plan, subject = plan_second_press(known), str(out) if is_calibrated else "the design"
+    print_result(json, press_plan_json_dict(subject, plan), format_press_plan(subject, plan))
+    return 0
 
 
 def format_press_plan(subject: str, plan: "PressPlan") -> Iterator[str]:
