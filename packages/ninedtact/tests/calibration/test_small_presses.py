@@ -83,9 +83,9 @@ def model() -> BallPressModel:
 
 
 @pytest.fixture(scope="module")
-def fit(press: BallPress, problem: BallPressProblem) -> TwinBallFit:
+def fit(press: BallPress) -> TwinBallFit:
     """The fit by physics from the drawn press on."""
-    return fit_ball_by_physics(press, DESIGN, (), as_drawn(problem))
+    return fit_ball_by_physics(press, DESIGN, (), (PRESS,))
 
 
 def as_drawn(problem: BallPressProblem, press: BallPressParameters = PRESS, loss: float = -0.05) -> TwinFit:

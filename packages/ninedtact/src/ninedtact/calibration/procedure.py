@@ -228,7 +228,7 @@ def _alternate_board_and_ball(
         try:
             press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
             second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
-            ball = fit_ball_by_physics(press, design, board_press.priors, twin, second)
+            ball = fit_ball_by_physics(press, design, board_press.priors, twin.presses, second)
         except BallPressUnusable:
             return fits
         fits = CalibrationFits(refined, rectify, ball, board_press)
