@@ -196,9 +196,17 @@ class PinBoard:
 
 @dataclass(frozen=True)
 class BallGauge:
-    """The ball with which depth is calibrated."""
+    """The balls with which depth is calibrated."""
 
     radius_mm: Annotated[float, Meta(ge=0.5, le=60.0)] = 4.0
+    second_radius_mm: Annotated[float, Meta(ge=0.5, le=60.0)] = 2.5
+    """Radius of the second ball, which need not be pressed; it tells the base of the gel, and so the true depth. That of the first
+    where the same ball is pressed again, to another depth."""
+
+    @property
+    def second(self) -> "BallGauge":
+        """The second ball alone."""
+        return BallGauge(self.second_radius_mm, self.second_radius_mm)
 
     def __post_init__(self) -> None:
         require_within_bounds(self, "ball", DesignImpossible)
@@ -235,7 +243,16 @@ class SensorDesign:
 
     def __post_init__(self) -> None:
         require_within_bounds(self.gel, "gel", DesignImpossible)
+        ratio = self.gel.gel_to_base_modulus_ratio
+        if ratio > 1 or 0 < ratio < self.gel.shear_modulus_mpa / _GLASS_SHEAR_MODULUS_MPA:
+            raise DesignImpossible(
+                expected="a base between the gel and glass in stiffness (gel.gel_to_base_modulus_ratio up to 1)",
+                got=f"one {'softer than the gel' if ratio > 1 else 'stiffer than glass'} ({ratio:g})",
+                remedy="give the modulus of the gel over that of the layer below it, and 0 for a rigid base",
+            )
 
+
+_GLASS_SHEAR_MODULUS_MPA = 30_000.0
 
 HARDWARE_TABLE = "hardware"
 """Table of the parts' own dimensions, which only the package `hardware` reads."""

@@ -12,7 +12,7 @@ from scipy import ndimage
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
-from ninedtact.calibration.twin.ball_press_fit import BallPressProblem, TwinFit
+from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.fit_parameters import PARAMETER_NAMES
 from ninedtact.calibration.twin.fit_uncertainty import (
     FitUncertainty,
@@ -23,12 +23,13 @@ from ninedtact.calibration.twin.lens_refinement import (
     appearing_imprints_mm,
 )
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
+from ninedtact.calibration.twin.press_problems import BallPressProblem
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.lens_and_rectification import LensModel, Rectification
 from ninedtact.simulation.calibration_press_models import (
-    COARSE_PATCH,
+    COARSE_PITCH_MM,
     BallPressModel,
     BallPressParameters,
     BoardPressModel,
@@ -49,7 +50,7 @@ PRESS = BallPressParameters(0.6, -0.4, 1.3, 0.3, -0.2, 2.3, 0.5, 0.5, 0.05, 0.12
 def problem_of(after: Rectified) -> BallPressProblem:
     """An image of the ball, and its model on the coarse grid."""
     observed = ObservedBallPress(UNTOUCHED, after, PRESS.centre_mm)
-    return BallPressProblem(observed, BallPressModel(DESIGN, COARSE_PATCH))
+    return BallPressProblem(observed, BallPressModel(DESIGN, COARSE_PITCH_MM))
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,8 @@ def change() -> np.ndarray:
     contact = problem_of(UNTOUCHED).model.contact(PRESS)
     sightlines = SightlineGrid(X_MM, Y_MM, PRESS.inverse_distance_per_mm)
     height_mm, thicker_mm = (np.asarray(mm, np.float32) for mm in (contact.height_mm, contact.thickness_change_mm))
-    seen_mm = sightlines.sample(COARSE_PATCH, PRESS.centre_mm, height_mm, thicker_mm)
+    patch = BallPressModel(DESIGN, COARSE_PITCH_MM).patch
+    seen_mm = sightlines.sample(patch, PRESS.centre_mm, height_mm, thicker_mm)
     return ndimage.gaussian_filter(LIGHT.brightness_change(seen_mm), PRESS.point_spread_mm / MM_PER_PX)
 
 
@@ -77,13 +79,13 @@ def problem(press: BallPress) -> BallPressProblem:
 
 @pytest.fixture
 def model() -> BallPressModel:
-    return BallPressModel(DESIGN, COARSE_PATCH)
+    return BallPressModel(DESIGN, COARSE_PITCH_MM)
 
 
 @pytest.fixture(scope="module")
 def fit(press: BallPress) -> TwinBallFit:
     """The fit by physics from the drawn press on."""
-    return fit_ball_by_physics(press, DESIGN, (), PRESS)
+    return fit_ball_by_physics(press, DESIGN, (), (PRESS,))
 
 
 def as_drawn(problem: BallPressProblem, press: BallPressParameters = PRESS, loss: float = -0.05) -> TwinFit:
@@ -94,7 +96,7 @@ def as_drawn(problem: BallPressProblem, press: BallPressParameters = PRESS, loss
     correlation[2, 5] = correlation[5, 2] = -0.7
     correlation[2, 7] = correlation[7, 2] = 0.4
     uncertainty = FitUncertainty(90.0, deviations, correlation)
-    return TwinFit(problem, press, coefficients, np.full(problem.observed.count, -2.0), uncertainty, 1.5)
+    return TwinFit(problem, press, coefficients, np.full(problem.observed.count, -2.0), lambda: uncertainty, 1.5)
 
 
 def test_the_predicted_ball_is_what_is_drawn(change: np.ndarray) -> None:

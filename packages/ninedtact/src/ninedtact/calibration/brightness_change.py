@@ -290,20 +290,25 @@ def _legendre_basis(shape: tuple[int, int]) -> Float32[Array, "rows cols terms"]
     return np.stack(products, axis=-1).astype(np.float32)
 
 
-def different_skin_warnings(board_reference: BgrImage, ball_reference: BgrImage) -> tuple[str, ...]:
-    """Return a warning where the images before the board and before the ball show two skins, or one skin at two places."""
+def different_skin_warnings(
+    board_reference: BgrImage, ball_reference: BgrImage, first: str = "board", then: str = "ball"
+) -> tuple[str, ...]:
+    """Return a warning where the images before the board and before the ball show two skins, or one skin at two places.
+
+    first, then: what was pressed after each of the two images.
+    """
     if board_reference.shape != ball_reference.shape:
         return ()
     skin = measure_skin_motion(board_reference, ball_reference)
     if skin.observable and not skin.is_same_skin:
         return (
-            "the image before the ball does not show the skin of the image before the board (correlation "
-            f"{skin.correlation:.2f}): board and ball were pressed on two sensors, or the gel was changed or the camera rotated "
-            "in between; take all four images of one sensor, and calibrate again",
+            f"the image before the {then} does not show the skin of the image before the {first} (correlation "
+            f"{skin.correlation:.2f}): {first} and {then} were pressed on two sensors, or the gel was changed or the camera "
+            "rotated in between; take all images of one sensor, and calibrate again",
         )
     if not skin.is_displaced:
         return ()
     return (
-        f"the camera or the gel moved by {skin.distance_px:.1f} px and {abs(skin.turn_deg):.1f}° between the presses of board and "
-        "ball: positions are off by that; fix both in their housing, and calibrate again",
+        f"the camera or the gel moved by {skin.distance_px:.1f} px and {abs(skin.turn_deg):.1f}° between the presses of {first} "
+        f"and {then}: positions are off by that; fix both in their housing, and calibrate again",
     )

@@ -1,12 +1,12 @@
 """Advice during a guided calibration, image by image, and the decision of when an image is good enough to keep.
 
-There are four steps: reference image, board press, reference image, ball press. A step ends when its condition holds in several
-successive images that hardly differ; the step returns their mean.
+There are four steps: reference image, board press, reference image, ball press, and two more for a second ball. A step ends when
+its condition holds in several successive images that hardly differ; the step returns their mean.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Literal
 
@@ -131,16 +131,18 @@ ImageWatcher = Callable[[BgrImage], CalibrationStepAdvice]
 
 @dataclass(frozen=True)
 class CaptureStep:
-    """One of the four images: its instruction, and the watcher that evaluates frames."""
+    """One of the images: its instruction, and the watcher that evaluates frames."""
 
-    name: Literal["board_reference", "board", "ball_reference", "ball"]
+    name: Literal["board_reference", "board", "ball_reference", "ball", "second_ball_reference", "second_ball"]
     instruction: str
     watch: Callable[[dict[str, BgrImage]], ImageWatcher]
     """Builds the watcher from the images taken so far."""
 
 
-def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) -> Iterator[CaptureStep]:
-    """Yield the four steps in order."""
+def guided_capture_steps(
+    design: SensorDesign, settings: CalibrationSettings, second_ball: bool = False
+) -> Iterator[CaptureStep]:
+    """Yield the steps in order: four, and two more for a second ball."""
     yield CaptureStep("board_reference", "Do not touch the gel.", lambda taken: make_untouched_skin_watcher(None))
     yield CaptureStep(
         "board",
@@ -155,6 +157,23 @@ def guided_capture_steps(design: SensorDesign, settings: CalibrationSettings) ->
         f"Press the ball (radius {design.ball.radius_mm:g} mm) straight down near the middle, 1 to 2 mm deep, and hold it.",
         lambda taken: _BallPressWatcher(
             taken["ball_reference"], _rectification_from_board(taken, design, settings), design, settings
+        ),
+    )
+    if not second_ball:
+        return
+    second = replace(design, ball=design.ball.second)
+    least_mm, most_mm = _best_depth_mm(second)
+    yield CaptureStep(
+        "second_ball_reference",
+        "Take the ball away.",
+        lambda taken: make_untouched_skin_watcher(taken["ball_reference"]),
+    )
+    yield CaptureStep(
+        "second_ball",
+        f"Press the second ball (radius {second.ball.radius_mm:g} mm) straight down near the middle, {least_mm:.1f} to "
+        f"{most_mm:.1f} mm deep, and hold it.",
+        lambda taken: _BallPressWatcher(
+            taken["second_ball_reference"], _rectification_from_board(taken, design, settings), second, settings
         ),
     )
 
@@ -276,7 +295,7 @@ class _BallPressWatcher:
             return CalibrationStepAdvice(str(refusal).partition(", got ")[2])
         radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
         depth_mm = spherical_cap_height_mm(self.design.ball.radius_mm, radius_mm)
-        advice = _ball_press_advice(depth_mm, circle.asymmetry)
+        advice = _ball_press_advice(depth_mm, circle.asymmetry, _best_depth_mm(self.design))
         mean = self.still.add(image)
         if mean is None or (advice and self._awaits_better_press()):
             return CalibrationStepAdvice(
@@ -291,9 +310,15 @@ class _BallPressWatcher:
         return self.patience > 0
 
 
-def _ball_press_advice(depth_mm: float, asymmetry: float) -> str:
-    """Return advice that would improve this ball press."""
+def _best_depth_mm(design: SensorDesign) -> tuple[float, float]:
+    """Return the least and the largest depth of a good press of the design's ball; a small one is soon as wide as its disc."""
     least_mm, most_mm = BEST_DEPTH_MM
+    return min(least_mm, 0.25 * design.ball.radius_mm), min(most_mm, 0.55 * design.ball.radius_mm)
+
+
+def _ball_press_advice(depth_mm: float, asymmetry: float, best_mm: tuple[float, float]) -> str:
+    """Return advice that would improve this ball press."""
+    least_mm, most_mm = best_mm
     if depth_mm < least_mm:
         return "press deeper"
     if depth_mm > most_mm:

@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simulate_height_noise_mm
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
+from ninedtact.calibration.ball.second_ball import find_second_press, little_gain_warnings, second_ball_quality
 from ninedtact.calibration.board.board_fit import BoardFit, build_rectification, fit_board
 from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.brightness_change import (
@@ -62,14 +63,24 @@ second corrects the effect of that.
 """
 
 
+BOARD_NAMES, BALL_NAMES = ("board_reference", "board"), ("ball_reference", "ball")
+SECOND_BALL_NAMES = ("second_ball_reference", "second_ball")
+"""Names of the two images of each press, as fields of `CalibrationImages` and as files of a folder."""
+
+
 @dataclass(frozen=True)
 class CalibrationImages:
-    """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing."""
+    """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing.
+
+    A second ball, of another radius or pressed to another depth, tells the base of the gel, and so the true depth.
+    """
 
     board_reference: BgrImage | None = None
     board: BgrImage | None = None
     ball_reference: BgrImage | None = None
     ball: BgrImage | None = None
+    second_ball_reference: BgrImage | None = None
+    second_ball: BgrImage | None = None
 
     @property
     def board_pair(self) -> tuple[BgrImage, BgrImage] | None:
@@ -80,6 +91,13 @@ class CalibrationImages:
     def ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
         """The skin before the ball and under it; None where the ball was not pressed."""
         return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
+
+    @property
+    def second_ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
+        """The skin before the second ball and under it; None where none was pressed."""
+        if self.second_ball_reference is None or self.second_ball is None:
+            return None
+        return self.second_ball_reference, self.second_ball
 
 
 @dataclass(frozen=True)
@@ -174,16 +192,21 @@ def _fit_presses(
     if images.ball_pair is None:
         return CalibrationFits(board, rectify)
     on_step("fitting gel and light to the image of the ball")
-    ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing)
+    second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
+    ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing, second)
     fits = CalibrationFits(board, rectify, ball)
     # The twin predicts the board through a lens model alone.
     if board is None or board.correction is not None or settings.lens == "paper":
         return fits
-    return _alternate_board_and_ball(fits, images, design, on_step)
+    return _alternate_board_and_ball(fits, images, design, settings, on_step)
 
 
 def _alternate_board_and_ball(
-    fits: CalibrationFits, images: CalibrationImages, design: SensorDesign, on_step: Callable[[str], None]
+    fits: CalibrationFits,
+    images: CalibrationImages,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    on_step: Callable[[str], None],
 ) -> CalibrationFits:
     """Return the fits after lens and ball were fitted in turn, each with what the image of the other shows.
 
@@ -204,7 +227,8 @@ def _alternate_board_and_ball(
         on_step("fitting gel and light to the image of the ball")
         try:
             press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
-            ball = fit_ball_by_physics(press, design, board_press.priors, twin.press)
+            second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
+            ball = fit_ball_by_physics(press, design, board_press.priors, twin.presses, second)
         except BallPressUnusable:
             return fits
         fits = CalibrationFits(refined, rectify, ball, board_press)
@@ -249,7 +273,9 @@ def _make_record(
         lens=lens,
         depth=depth,
         twin=twin,
-        certificate=Certificate(board_quality, ball_quality, _warnings(images, fits, design)),
+        certificate=Certificate(
+            board_quality, ball_quality, second_ball_quality(fits.twin), _warnings(images, fits, design)
+        ),
     )
 
 
@@ -298,7 +324,10 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     if images.board_pair is not None and images.ball_pair is not None:
         references = images.board_pair[0], images.ball_pair[0]
         warnings += [*reference_mismatch_warnings(*references), *different_skin_warnings(*references)]
-    return warnings
+    if images.ball_pair is not None and images.second_ball_pair is not None:
+        references = images.ball_pair[0], images.second_ball_pair[0]
+        warnings += different_skin_warnings(*references, "ball", "second ball")
+    return warnings + little_gain_warnings(second_ball_quality(fits.twin))
 
 
 def _board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> BoardQuality:
@@ -348,15 +377,20 @@ def repeat_calibration(
     design: SensorDesign | None = None,
     on_step: Callable[[str], None] = lambda step: None,
     smoothing: Smoothing | None = None,
+    second_ball: tuple[BgrImage, BgrImage] | None = None,
 ) -> Calibration:
     """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
 
-    ball: new images of the skin before the ball and under it, in place of stored ones. design, smoothing: in place of the stored
-    ones. Raises `SensorFolderDamaged` where images are missing, `CalibrationError` where none of a ball are stored or given, and
-    what `calibrate` raises.
+    ball, second_ball: new images of the skin before the ball and under it, in place of stored ones; those of a second ball are used
+    by the method `physics` alone. design, smoothing: in place of the stored ones. Raises `SensorFolderDamaged` where images are
+    missing, `CalibrationError` where none of a ball are stored or given, and what `calibrate` raises.
     """
-    names = ("ball_reference", "ball") if folder.is_imported else ("board_reference", "board", "ball_reference", "ball")
-    new = {} if ball is None else {"ball_reference": ball[0], "ball": ball[1]}
+    names = BALL_NAMES if folder.is_imported else (*BOARD_NAMES, *BALL_NAMES)
+    new = {} if ball is None else dict(zip(BALL_NAMES, ball, strict=True))
+    if second_ball is not None:
+        new |= dict(zip(SECOND_BALL_NAMES, second_ball, strict=True))
+    if SECOND_BALL_NAMES[0] in {*new, *folder.record.images} and method == "physics":
+        names = (*names, *SECOND_BALL_NAMES)
     images = CalibrationImages(
         **{name: new[name] if name in new else folder.stored_image(name).image for name in names}
     )

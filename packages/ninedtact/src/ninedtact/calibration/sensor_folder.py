@@ -29,6 +29,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     PinMapTable,
     PixelMapTable,
     SensorTomlRecord,
+    TwinTable,
 )
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.design import Gel
@@ -145,6 +146,16 @@ class SensorFolder:
         origin = f"--from-import {path} " if self.is_imported else ""
         return f"ninedtact calibrate {origin}--out {path} --ball-reference REFERENCE.png --ball BALL.png"
 
+    def require_twin(self) -> TwinTable:
+        """Return the table of the twin; raises `CalibrationError` where the calibration fitted none."""
+        if self.record.twin is None:
+            raise CalibrationError(
+                expected=f"{self.path} to hold a twin",
+                got="a sensor without one",
+                remedy=f"run: {self.completion_command}",
+            )
+        return self.record.twin
+
     @property
     def gel(self) -> Gel:
         """The gel as fitted to the ball image and to known loads, or as designed where there is no such fit."""
@@ -207,13 +218,7 @@ class SensorFolder:
         """
         from ninedtact.calibration.twin.sensor_twin import assemble_twin
 
-        table = self.record.twin
-        if table is None:
-            raise CalibrationError(
-                expected=f"{self.path} to hold a twin",
-                got="a sensor without one",
-                remedy=f"run: {self.completion_command}",
-            )
+        table = self.require_twin()
         reference, area = self.stored_image("ball_reference").image, self.record.design.sensing_area
         return assemble_twin(
             self.id, table.gel, table.light, self.rectification, reference, table.noise_grey_levels, area

@@ -14,7 +14,8 @@ from ninedtact.calibration.ball.ball_press import find_ball_press
 from ninedtact.calibration.brightness_change import estimate_camera_noise, flat_fielded_brightness_change
 from ninedtact.calibration.procedure import make_ball_quality, make_depth_table
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.calibration.twin.ball_press_fit import KnownBase, ParameterPrior
+from ninedtact.calibration.twin.ball_press_fit import KnownBase
+from ninedtact.calibration.twin.press_search import ParameterPrior
 from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.simulation.calibration_press_models import BallPressModel, BallPressParameters
 
@@ -30,7 +31,7 @@ def sensor_on_base(folder: SensorFolder, base: KnownBase) -> SensorFolder:
     initial = replace(_fitted_press(folder), gel_to_base_modulus_ratio=base.modulus_ratio)
     with threadpool_limits(1):
         press = find_ball_press(folder.rectification, *images, record.design.ball, "physics")
-        ball = fit_ball_by_physics(press, record.design, _viewing_distance(folder), initial, base)
+        ball = fit_ball_by_physics(press, record.design, _viewing_distance(folder), (initial,), base=base)
         noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images))
         depth = make_depth_table(ball, folder.rectification, images[0], noise_grey_levels, depth.smoothing)
     fitted = make_twin_table(ball.twin_fit, twin.noise_grey_levels, None)

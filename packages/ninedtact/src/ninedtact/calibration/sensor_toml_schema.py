@@ -191,6 +191,20 @@ class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """Fraction of the reference image at or above grey level 250."""
 
 
+class SecondBallQuality(Struct, frozen=True, forbid_unknown_fields=True):
+    """The press of the second ball, which was fitted together with the first."""
+
+    ball_radius_mm: _Error
+    max_indentation_mm: _DepthMm
+    """Depth of the second ball's lowest point."""
+    max_indentation_std_mm: _Error
+    residual_rms_grey_levels: _Error
+    first_std_mm: _Error
+    """Standard deviation of the depth of the first ball, with both presses."""
+    first_std_alone_mm: _Error
+    """The same with the first press alone."""
+
+
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The quality of both calibrations, and warnings in words."""
 
@@ -198,6 +212,8 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     """None where the lens was imported."""
     ball: BallQuality | None = None
     """None where no ball has been pressed yet."""
+    second_ball: SecondBallQuality | None = None
+    """None where no second ball was pressed."""
     warnings: list[str] = field(default_factory=list)
 
 

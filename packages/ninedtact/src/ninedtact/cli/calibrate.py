@@ -54,6 +54,7 @@ if TYPE_CHECKING:
 _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAMES)
 _BOARD_NAMES, _BALL_NAMES = _IMAGE_NAMES[:2], _IMAGE_NAMES[2:]
+_SECOND_BALL_NAMES = ("second_ball_reference", "second_ball")
 
 
 @dataclass(frozen=True)
@@ -78,14 +79,27 @@ class CalibrateCommand:
     """Reference image without contact, taken before the ball."""
     ball: tuple[Path, ...] = ()
     """Image of the ball pressed straight down, 1 to 2 mm deep."""
+    second_ball: tuple[Path, ...] = ()
+    """Image of a second ball of another radius pressed on the same gel, which tells its base and so the true depth (--plan)."""
+    second_ball_reference: tuple[Path, ...] = ()
+    """Reference image without contact, taken before the second ball. Without it, that of the first ball is used."""
     images: Path | None = None
-    """Folder with board_reference.png, board.png, ball_reference.png and ball.png, such as images/ of a sensor folder."""
+    """Folder with board_reference.png, board.png, ball_reference.png and ball.png, such as images/ of a sensor folder; images of a
+    second ball there (second_ball_reference.png, second_ball.png) are used too."""
     source: str | None = None
     """Take the images with this camera (0, /dev/video0, the URL of a stream) or from a recording (a video, a folder); or sim, a
     simulated sensor, on which board and ball are pressed by themselves."""
     automatic: AutomaticOption = False
     ball_radius_mm: float | None = None
     """Radius of the ball. Without it, the design's radius is used (4 mm for the published sensor)."""
+    second_ball_radius_mm: float | None = None
+    """Radius of the second ball. Without it, the design's is used (2.5 mm for the published sensor); that of the first where the
+    same ball is pressed again, to another depth."""
+    with_second_ball: bool = False
+    """With --source or --page: guide through the press of a second ball, too."""
+    plan: bool = False
+    """Calibrate nothing, but print by how much each second press would shrink what is not known of the ball's depth, the base,
+    the thickness of the gel and a load: for the sensor at --out, or for the design where none is there."""
     id: str | None = None
     """Name of the sensor. Without it, the folder's name is used."""
     settings: Annotated[CalibrationSettings, tyro.conf.arg(name="")] = CalibrationSettings()
@@ -101,6 +115,10 @@ class CalibrateCommand:
         from ninedtact.calibration.sensor_toml_schema import require_sensor_id
 
         require_sensor_id(self.sensor_id)
+        if self.plan:
+            from ninedtact.cli.press_plan_table import print_press_plan
+
+            return print_press_plan(self.out, self.resolved_design, self.json)
         with sensor_replacement(self.out):
             sensor = self._calibrate_on_page() if self.on_page.page else self._calibrate_from_images()
         if sensor is None:
@@ -143,20 +161,20 @@ class CalibrateCommand:
         design, settings, name = self.resolved_design, self.settings, self.sensor_id
         pages = GuidedPages(self.on_page, self.source, self.automatic)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            return pages.calibrate_shape(self.out, name, design, settings)
+            return pages.calibrate_shape(self.out, name, design, settings, self.with_second_ball)
 
     def _calibrate(self, images: "CalibrationImages", scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
         """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""
         from ninedtact.calibration.procedure import calibrate
 
         if images.board_pair is None and images.ball_pair is not None:
-            return self._add_ball(self._lens_folder(scratch), images.ball_pair, on_step)
+            return self._add_ball(self._lens_folder(scratch), images, on_step)
         if images.ball_pair is None:
             _require_no_depth_lost(self.out)
         return calibrate(images, self.resolved_design, self.settings, self.sensor_id, on_step)
 
     def _add_ball(
-        self, folder: "SensorFolder", ball: "tuple[BgrImage, BgrImage]", on_step: Callable[[str], None]
+        self, folder: "SensorFolder", images: "CalibrationImages", on_step: Callable[[str], None]
     ) -> "Calibration":
         """Calibrate the depth of a sensor that has its lens already."""
         from ninedtact.calibration.procedure import repeat_calibration
@@ -169,10 +187,14 @@ class CalibrateCommand:
                 remedy="leave out --design, or give the images of the board as well",
             )
         _require_kept_lens(self.settings, folder)
-        is_ball_given = self.ball_radius_mm is not None or given.ball != standard.ball
+        is_ball_given = self.ball_radius_mm is not None or given.ball.radius_mm != standard.ball.radius_mm
         design = replace(kept, ball=given.ball if is_ball_given else kept.ball)
+        if self.second_ball_radius_mm is not None:
+            design = replace(design, ball=replace(design.ball, second_radius_mm=self.second_ball_radius_mm))
         smoothing = None if self.settings.smoothing == CalibrationSettings().smoothing else self.settings.smoothing
-        made = repeat_calibration(folder, self.settings.method, ball, design, on_step, smoothing)
+        made = repeat_calibration(
+            folder, self.settings.method, images.ball_pair, design, on_step, smoothing, images.second_ball_pair
+        )
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
     def _lens_folder(self, scratch: Path) -> "SensorFolder":
@@ -203,9 +225,9 @@ class CalibrateCommand:
                     remedy="write them into the file",
                 )
             design = read_design_or_default(self.design_file)
-        if self.ball_radius_mm is None:
-            return design
-        return replace(design, ball=replace(design.ball, radius_mm=self.ball_radius_mm))
+        radii = {"radius_mm": self.ball_radius_mm, "second_radius_mm": self.second_ball_radius_mm}
+        given = {name: radius_mm for name, radius_mm in radii.items() if radius_mm is not None}
+        return replace(design, ball=replace(design.ball, **given))
 
     def obtain_images(self, taken: "dict[str, BgrImage] | None" = None) -> "CalibrationImages":
         """Read the images of both presses, or of one, from files or from a folder, or take all with a camera.
@@ -213,6 +235,12 @@ class CalibrateCommand:
         taken: receives each image that a camera takes, by its name, if it is given. Raises `InputError`.
         """
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
+        if self.with_second_ball and self.source is None:
+            raise InputError(
+                expected="--source or --page beside --with-second-ball, which guides through the press",
+                got="neither",
+                remedy="give the image with --second-ball",
+            )
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None and self.from_import is None:
             return _capture_guided_images(
@@ -221,11 +249,13 @@ class CalibrateCommand:
                 self.settings,
                 self.automatic,
                 {} if taken is None else taken,
+                self.with_second_ball,
             )
         if sum(ways) == 1 and self.images is not None:
-            return _read_images({name: (self.images / f"{name}.png",) for name in self._names_in(self.images)})
+            names = self._names_in(self.images)
+            return self._read_images({name: (self.images / f"{name}.png",) for name in names})
         if sum(ways) == 1 and tuple(given) in self._complete_sets:
-            return _read_images({name: getattr(self, name) for name in given})
+            return self._read_images({name: getattr(self, name) for name in given})
         got = ["--" + name.replace("_", "-") for name in given]
         got += [name for name, way in zip(("--images", "--source"), ways[1:], strict=True) if way]
         if self.from_import is not None:
@@ -247,18 +277,33 @@ class CalibrateCommand:
     def _names_in(self, folder: Path) -> tuple[str, ...]:
         """Return the images of a folder that are used: all four, or those of the only press that it has both images of."""
         there = tuple(name for name in _IMAGE_NAMES if (folder / f"{name}.png").exists())
+        second = tuple(name for name in _SECOND_BALL_NAMES if (folder / f"{name}.png").exists())
         if self.from_import is not None:
-            return _BALL_NAMES
-        return there if there in self._complete_sets else _IMAGE_NAMES
+            return (*_BALL_NAMES, *second)
+        return (*there, *second) if there in self._complete_sets else _IMAGE_NAMES
 
+    def _read_images(self, paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
+        """Read the images at these paths, and those of the second ball where they are given."""
+        from ninedtact.calibration.procedure import CalibrationImages
+        from ninedtact.capture.strict_image_reading import average_images, read_image
 
-def _read_images(paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
-    from ninedtact.calibration.procedure import CalibrationImages
-    from ninedtact.capture.strict_image_reading import average_images, read_image
-
-    return CalibrationImages(
-        **{name: average_images([read_image(path) for path in files]) for name, files in paths.items()}
-    )
+        given = {name: getattr(self, name) for name in _SECOND_BALL_NAMES if getattr(self, name)}
+        if self.second_ball and not self.second_ball_reference:
+            given["second_ball_reference"] = paths.get("ball_reference", ())
+        paths = paths | given
+        if "second_ball" in paths and "ball" not in paths:
+            raise InputError(
+                expected="--ball beside --second-ball, since the two are fitted together",
+                got="the second ball alone",
+                remedy="give the images of the first as well",
+            )
+        if "second_ball_reference" in paths and "second_ball" not in paths:
+            raise InputError(
+                expected="--second-ball beside --second-ball-reference", got="the reference alone", remedy="give both"
+            )
+        return CalibrationImages(
+            **{name: average_images([read_image(path) for path in files]) for name, files in paths.items()}
+        )
 
 
 def _require_no_depth_lost(out: Path) -> None:
@@ -290,9 +335,14 @@ def _require_kept_lens(settings: CalibrationSettings, folder: "SensorFolder") ->
 
 
 def _capture_guided_images(
-    source: str, design: SensorDesign, settings: CalibrationSettings, automatic: bool, taken: "dict[str, BgrImage]"
+    source: str,
+    design: SensorDesign,
+    settings: CalibrationSettings,
+    automatic: bool,
+    taken: "dict[str, BgrImage]",
+    second_ball: bool,
 ) -> "CalibrationImages":
-    """Take the four images with a camera into `taken`; raises what the camera raises, and `CameraError` for a
+    """Take the images with a camera into `taken`; raises what the camera raises, and `CameraError` for a
     recording."""
     from ninedtact.calibration.guidance import guided_capture_steps
     from ninedtact.calibration.procedure import CalibrationImages
@@ -302,7 +352,7 @@ def _capture_guided_images(
     simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
     chosen = source_for(source, camera_settings(automatic)) if simulated is None else simulated
     with LatestFrameSource(chosen) if chosen.is_live else chosen as camera:
-        for step in guided_capture_steps(design, settings):
+        for step in guided_capture_steps(design, settings, second_ball):
             status.print_title(step.instruction)
             if simulated is not None:
                 simulated.follow(step.name)
@@ -319,7 +369,10 @@ def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator
         yield
     except (NinedtactError, OSError):
         complete = {
-            name: taken[name] for pair in (_BOARD_NAMES, _BALL_NAMES) for name in pair if taken.keys() >= {*pair}
+            name: taken[name]
+            for pair in (_BOARD_NAMES, _BALL_NAMES, _SECOND_BALL_NAMES)
+            for name in pair
+            if taken.keys() >= {*pair}
         }
         if complete:
             with suppress(OutputError, OSError):  # the first failure is the one to report

@@ -66,7 +66,12 @@ class GuidedPages:
         self.port = self.options.port
 
     def calibrate_shape(
-        self, out: Path, sensor_id: str, design: "SensorDesign", settings: "CalibrationSettings"
+        self,
+        out: Path,
+        sensor_id: str,
+        design: "SensorDesign",
+        settings: "CalibrationSettings",
+        second_ball: bool = False,
     ) -> "SensorFolder | None":
         """Serve until Ctrl-C the calibration of a sensor, and what somebody asks for after it; return the sensor, None without."""
         from ninedtact.studio.calibration_page import CalibrationPage
@@ -75,7 +80,7 @@ class GuidedPages:
         simulated = simulated_calibration_camera(design)
         list_cameras = partial(list_calibration_cameras, self.source)
         camera = self._switchable_camera(list_cameras, simulated)
-        session = CalibrationSession(camera, out, design, settings, sensor_id, on_step=simulated.follow)
+        session = CalibrationSession(camera, out, design, settings, sensor_id, second_ball, on_step=simulated.follow)
         make_page = partial(CalibrationPage, session=session, list_cameras=list_cameras, simulated=simulated)
         with suppress(KeyboardInterrupt):
             wanted = session.live_requested, session.force_requested

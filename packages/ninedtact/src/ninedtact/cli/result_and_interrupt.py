@@ -236,6 +236,11 @@ def format_calibration(sensor: "SensorFolder") -> Iterator[str]:
             f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f} mm deep, reconstructed to "
             f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
         )
+    if (second := certificate.second_ball) is not None:
+        yield (
+            f"  second radius {second.ball_radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep; with it the depth of "
+            f"the first is known to ± {second.first_std_mm:.3f} mm, ± {second.first_std_alone_mm:.3f} mm without"
+        )
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"
     yield from (

@@ -22,6 +22,7 @@ from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import (
     CALIBRATION_SOLVER_SETTINGS,
     GUIDED_PRESSES,
+    SECOND_BALL_DEPTH,
     refine_twin_grid_for_board,
 )
 from ninedtact.simulation.calibration_press_models import pin_board_indenter
@@ -35,7 +36,7 @@ _LOOSER_SOLVER_SETTINGS = replace(CALIBRATION_SOLVER_SETTINGS, tolerance=2 * CAL
 class HeldCalibrationObject:
     """What is held on the skin, and how."""
 
-    gauge: Literal["nothing", "board", "ball"] = "nothing"
+    gauge: Literal["nothing", "board", "ball", "second_ball"] = "nothing"
     depth_mm: float = 0.0
     load_n: float | None = None
     """Load instead of a depth."""
@@ -104,7 +105,7 @@ class SimulatedCalibrationCamera(FrameSource):
             self._held = press
 
     def follow(self, step: str) -> None:
-        """Press what a step needs ("board", "ball"; nothing in any other), where the camera plays by itself."""
+        """Press what a step needs ("board", "ball", "second_ball"; nothing in any other), where the camera plays by itself."""
         self.offer(self.good_press(step))
 
     def offer(self, press: HeldCalibrationObject) -> None:
@@ -114,10 +115,16 @@ class SimulatedCalibrationCamera(FrameSource):
             self.hold(press)
 
     def good_press(self, gauge: str) -> HeldCalibrationObject:
-        """Return a press of the board or the ball that calibrates well; nothing for any other name."""
+        """Return a press of the board or of a ball that calibrates well; nothing for any other name."""
         presses = GUIDED_PRESSES.for_gel(self._design.gel)
         if gauge == "board":
             return HeldCalibrationObject("board", presses.board_depth_mm)
+        if gauge == "second_ball":
+            depth_mm = presses.ball_depth_mm * min(
+                1.0, self._design.ball.radius_mm / self._design.ball.second_radius_mm
+            )
+            depth_mm = min(depth_mm, SECOND_BALL_DEPTH * self._design.ball.second_radius_mm)
+            return HeldCalibrationObject("second_ball", depth_mm, drag_mm=presses.ball_drag_mm)
         return (
             HeldCalibrationObject("ball", presses.ball_depth_mm, drag_mm=presses.ball_drag_mm)
             if gauge == "ball"
@@ -153,7 +160,8 @@ class SimulatedCalibrationCamera(FrameSource):
             self._clean = self._twin.renderer.reference
             return
         is_board, tilt = held.gauge == "board", (radians(held.tilt_deg[0]), radians(held.tilt_deg[1]))
-        indenter = pin_board_indenter(self._design.pin_board) if is_board else Ball(self._design.ball.radius_mm)
+        ball = self._design.ball.second if held.gauge == "second_ball" else self._design.ball
+        indenter = pin_board_indenter(self._design.pin_board) if is_board else Ball(ball.radius_mm)
         twin = self._fine_twin if is_board else self._twin
         depth_mm = held.depth_mm if held.load_n is None else None
         press = ScriptedPress(depth_mm, held.load_n, held.at_mm, held.drag_mm, tilt_rad=tilt)

@@ -16,7 +16,7 @@ from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact, least_gel_mm, require_gel_left
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter import Ball, Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, Skin, padded_grid
 from ninedtact.simulation.gel_brightness import BrightnessModel, darkening_equivalent_height_mm
@@ -27,6 +27,7 @@ from ninedtact.simulation.pixel_to_skin_map import (
     grid_indices_at_positions,
     sample_periodic,
 )
+from ninedtact.simulation.twin import MARGIN_MM, PITCH_MM
 
 BOARD_GRID_PITCH_MM = 0.05
 GRID_POINTS_PER_PIN_PITCH = 20
@@ -91,10 +92,8 @@ class BallPressParameters:
         return [*presses, *drags]
 
 
-PATCH = PeriodicGrid(128, 128, 0.2)
-"""Square of 25.6 mm around the contact; the deformation beyond is negligible."""
-COARSE_PATCH = PeriodicGrid(64, 64, 0.4)
-"""The same square at a quarter of the points, for the search from a distant start."""
+COARSE_PITCH_MM = 2 * PITCH_MM
+"""Pitch at a quarter of the points, for the search from a distant start."""
 _FRICTION = 1.0
 """Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
 _BALL_SOLVER_SETTINGS = SolverSettings(tolerance=5e-4, must_converge=False)
@@ -106,10 +105,17 @@ class BallPressModel:
     """The predicted image of a press of a design's ball."""
 
     design: SensorDesign
-    patch: PeriodicGrid = PATCH
+    pitch_mm: float = PITCH_MM
+    indenter: Indenter | None = None
+    """What is pressed; None for the design's ball."""
     initial_contacts: tuple[Contact, ...] = ()
     """The contacts of a similar press after each of its poses, whose tractions are first guesses. Without them the search for a
     contact starts from the contact before it."""
+
+    @cached_property
+    def patch(self) -> PeriodicGrid:
+        """The skin about the contact, as large as that of a twin: on a base that yields, its size matters."""
+        return padded_grid(*self.design.sensing_area.size_mm, self.pitch_mm, MARGIN_MM)
 
     @cached_property
     def cached_contacts(self) -> dict[tuple[Skin, tuple[Pose, ...]], Contact]:
@@ -155,7 +161,8 @@ class BallPressModel:
                 self.cached_contacts.pop(next(iter(self.cached_contacts)))
             guesses = self.initial_contacts[len(trajectory) - 1 :]
             guess = guesses[0] if guesses else None
-            self.cached_contacts[key] = model.step(previous, Ball(self.design.ball.radius_mm), trajectory[-1], guess)
+            indenter = self.indenter or Ball(self.design.ball.radius_mm)
+            self.cached_contacts[key] = model.step(previous, indenter, trajectory[-1], guess)
         return self.cached_contacts[key]
 
     def linear_basis(

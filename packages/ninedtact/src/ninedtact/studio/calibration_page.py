@@ -31,7 +31,8 @@ from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
 from ninedtact.studio.viewer import NOTICE_S, is_user_event
 
-_STEP_NAMES = ("untouched", "board", "untouched", "ball", "fit")
+_STEP_NAMES = ("untouched", "board", "untouched", "ball")
+_SECOND_BALL_STEP_NAMES = ("untouched", "second ball")
 _GRADES = {
     "pass": ("Ready to measure", "live"),
     "warn": ("Can be used with care", "busy"),
@@ -69,10 +70,9 @@ class CalibrationPage:
     def _draw(self) -> None:
         state = self._session.state
         with self._server.viser.atomic():
-            done = {CalibrationPhase.RESULT: len(_STEP_NAMES), CalibrationPhase.PREVIEW: -1}.get(
-                state.phase, state.step
-            )
-            self._layout.show(state, _STEP_NAMES, done, _instruction(state), state.pins)
+            names = self._step_names
+            done = {CalibrationPhase.RESULT: len(names), CalibrationPhase.PREVIEW: -1}.get(state.phase, state.step)
+            self._layout.show(state, names, done, _instruction(state), state.pins)
             self._figures.content = "" if state.phase is CalibrationPhase.RESULT else _figures_html(state)
             self._result.content = calibration_result_html(state, self._session.out)
             self._show_buttons(state)
@@ -81,10 +81,20 @@ class CalibrationPage:
             if self._simulated is not None:
                 self._follow_presses(state, self._simulated)
 
+    @property
+    def _step_names(self) -> tuple[str, ...]:
+        """The steps of this calibration."""
+        return (*_STEP_NAMES, *(_SECOND_BALL_STEP_NAMES if self._session.second_ball else ()), "fit")
+
     def _build_buttons(self) -> None:
         """Add the buttons."""
         gui, session = self._server.viser.gui, self._session
         self._replace = gui.add_checkbox("replace the sensor", False, hint=f"{session.out} holds a calibrated sensor")
+        self._second_ball = gui.add_checkbox(
+            "press a second ball too",
+            session.second_ball,
+            hint=f"of radius {session.design.ball.second_radius_mm:g} mm; it tells the base of the gel, and so the true depth",
+        )
         self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
         self._fit_again = gui.add_button("Calibrate again from the images", icon=Icon.REFRESH)
         self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
@@ -92,7 +102,9 @@ class CalibrationPage:
         self._download = gui.add_button("Download the certificate", color="gray", icon=Icon.DOWNLOAD)
         self._back = gui.add_button("One press back", color="gray", icon=Icon.ARROW_BACK_UP)
         self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
-        self._start.on_click(lambda event: attempt(event.client, partial(session.start, self._replace.value)))
+        self._start.on_click(
+            lambda event: attempt(event.client, partial(session.start, self._replace.value, self._second_ball.value))
+        )
         self._fit_again.on_click(lambda event: attempt(event.client, partial(session.fit_again, self._replace.value)))
         self._live.on_click(lambda event: session.request_live())
         self._force.on_click(lambda event: session.request_force())
@@ -105,7 +117,7 @@ class CalibrationPage:
         gui = self._server.viser.gui
         self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "presses by itself")
         with self._presses.folder:
-            hold = gui.add_button_group("hold", ("board", "ball", "nothing"))
+            hold = gui.add_button_group("hold", ("board", "ball", "second ball", "nothing"))
             self._depth = gui.add_slider("depth (mm)", 0.0, 2.5, 0.05, 0.0)
             self._tilt_x = gui.add_slider("tilt about x (°)", -4.0, 4.0, 0.1, 0.0)
             self._tilt_y = gui.add_slider("tilt about y (°)", -4.0, 4.0, 0.1, 0.0)
@@ -116,7 +128,7 @@ class CalibrationPage:
                 tilt = self._tilt_x.value, self._tilt_y.value
                 self._presses.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
 
-        hold.on_click(lambda event: self._presses.hold(simulated.good_press(hold.value)))
+        hold.on_click(lambda event: self._presses.hold(simulated.good_press(hold.value.replace(" ", "_"))))
         for slider in (self._depth, self._tilt_x, self._tilt_y):
             slider.on_update(move)
 
@@ -144,9 +156,10 @@ class CalibrationPage:
 
     def _show_buttons(self, state: CalibrationState) -> None:
         """Show the buttons that do something now."""
-        phase, complete = state.phase, state.step == len(_STEP_NAMES) - 1
+        phase, complete = state.phase, state.step == len(self._step_names) - 1
         can_fit = phase is CalibrationPhase.REFUSED and complete
         self._start.visible = phase is CalibrationPhase.PREVIEW
+        self._second_ball.visible = phase is CalibrationPhase.PREVIEW and self._session.settings.method == "physics"
         self._start.disabled = bool(state.camera_trouble) or state.image is None
         self._replace.visible = (phase is CalibrationPhase.PREVIEW or can_fit) and self._session.would_replace
         self._fit_again.visible = can_fit
@@ -198,5 +211,9 @@ def calibration_result_html(state: CalibrationState, out: Path) -> str:
 
 def _held_html(held: HeldCalibrationObject, refusal: str) -> str:
     """Return what is held on the simulated sensor, and why a press is refused, as HTML."""
-    words = "nothing touches" if held.gauge == "nothing" else f"the {held.gauge} is held {held.depth_mm:.2f} mm deep"
+    words = (
+        "nothing touches"
+        if held.gauge == "nothing"
+        else f"the {held.gauge.replace('_', ' ')} is held {held.depth_mm:.2f} mm deep"
+    )
     return card_html("held_object", said=words, refusal=refusal, is_dim=True)

@@ -1,4 +1,4 @@
-"""One guided calibration for all viewers of a page: camera preview, the four images, the fit and its result, without any HTML.
+"""One guided calibration for all viewers of a page: camera preview, the images, the fit and its result, without any HTML.
 
     camera ──image──▶ watcher of the step ──advice──▶ CalibrationState        in the thread of the session
     buttons ─────────▶ start, back, start_over, fit_again, choose_source       from any thread; each acts once
@@ -11,7 +11,6 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -96,6 +95,8 @@ class CalibrationSession(GuidedSession[CalibrationState]):
     design: SensorDesign = SensorDesign()
     settings: CalibrationSettings = CalibrationSettings()
     sensor_id: str = "9dtact"
+    second_ball: bool = False
+    """Whether a second ball is pressed too, which tells the base of the gel."""
     on_step: Callable[[str], None] = lambda step: None
     """Called with the name of each step that begins, and with an empty text when the images are complete or given up."""
     force_requested: Event = field(default_factory=Event, init=False)
@@ -107,9 +108,9 @@ class CalibrationSession(GuidedSession[CalibrationState]):
     _last_back_s: float = field(default=-np.inf, init=False, repr=False)
     _agreed: bytes | None = field(default=None, init=False, repr=False)
 
-    @cached_property
+    @property
     def _steps(self) -> list[CaptureStep]:
-        return list(guided_capture_steps(self.design, self.settings))
+        return list(guided_capture_steps(self.design, self.settings, self.second_ball))
 
     def _first_state(self) -> CalibrationState:
         return CalibrationState(source=self.camera.source)
@@ -119,11 +120,15 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         """Whether the folder to write holds a sensor already, other than the one just calibrated."""
         return (self.out / SENSOR_FILE).is_file() and self.state.result is None
 
-    def start(self, replace_sensor: bool = False) -> None:
-        """Take the first image; raises `OutputError`, `SensorFolderNotReplaceable`. Once started, nothing happens."""
+    def start(self, replace_sensor: bool = False, second_ball: bool | None = None) -> None:
+        """Take the first image; raises `OutputError`, `SensorFolderNotReplaceable`. Once started, nothing happens.
+
+        second_ball: whether one is pressed too, where that is chosen now.
+        """
         with self._changed:
             if self._state.phase is CalibrationPhase.PREVIEW:
                 self._agree(replace_sensor)
+                self.second_ball = self.second_ball if second_ball is None else second_ball
                 self.camera.restart_recording()
                 self._begin_step(0)
 
@@ -154,7 +159,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
                 self._changed.notify_all()
 
     def fit_again(self, replace_sensor: bool = False) -> None:
-        """Repeat the fit of the four images after a refusal; raises what `start` raises."""
+        """Repeat the fit of the images after a refusal; raises what `start` raises."""
         with self._changed:
             if self._state.phase is CalibrationPhase.REFUSED and len(self._taken) == len(self._steps):
                 self._agree(replace_sensor)
@@ -284,7 +289,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         return search_board_pins(reference, image, self.design, self.settings), monotonic() - began_s
 
     def _fit(self) -> None:
-        """Fit the four images and write the sensor folder; a refusal keeps the images."""
+        """Fit the images and write the sensor folder; a refusal keeps the images."""
         steps = 0
 
         def report(step: str) -> None:

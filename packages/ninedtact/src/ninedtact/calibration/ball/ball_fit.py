@@ -25,9 +25,14 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import isotonic_regression, minimize, minimize_scalar
 
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_press
-from ninedtact.calibration.ball.contact_circle import require_explained_by_ball, spherical_cap_height_mm
+from ninedtact.calibration.ball.contact_circle import (
+    require_explained_by_ball,
+    require_explained_by_second_ball,
+    spherical_cap_height_mm,
+)
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
-from ninedtact.calibration.twin.ball_press_fit import KnownBase, ParameterPrior, TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.ball_press_fit import FurtherPress, KnownBase, TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.press_search import ParameterPrior
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage
@@ -43,7 +48,7 @@ from ninedtact.shape.depth import (
     Smoothing,
 )
 from ninedtact.shape.lens_and_rectification import Rectification
-from ninedtact.simulation.calibration_press_models import PATCH, BallPressParameters
+from ninedtact.simulation.calibration_press_models import BallPressParameters
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 
 
@@ -54,15 +59,17 @@ def fit_ball(
     design: SensorDesign,
     method: DepthMethod = "physics",
     smoothing: Smoothing = Smoothing(),
+    further: tuple[FurtherPress, ...] = (),
 ) -> BallFit:
     """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `CalibrationError`, `FileFormatError`.
 
     reference, press: raw images (rows, cols, 3) of the skin without contact and of the ball pressed on it. smoothing: the filters
-    after the look-up, for the methods `ratio` and `table`; `physics` has its own.
+    after the look-up, for the methods `ratio` and `table`; `physics` has its own. further: presses that are fitted together with
+    this one, by `physics` alone.
     """
     found = find_ball_press(rectify, reference, press, design.ball, method)
     if method == "physics":
-        return fit_ball_by_physics(found, design)
+        return fit_ball_by_physics(found, design, further=further)
     signal: BrightnessSignal = "difference" if method == "table" else "ratio"
     return ContactDiscFit(_refine_centre(found, design), smoothing, signal, design)
 
@@ -71,15 +78,19 @@ def fit_ball_by_physics(
     press: BallPress,
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
-    initial: BallPressParameters | None = None,
+    initial: tuple[BallPressParameters, ...] = (),
+    further: tuple[FurtherPress, ...] = (),
     base: KnownBase | None = None,
 ) -> "TwinBallFit":
-    """Fit contact mechanics and light to a press, with priors, initial parameters and base as for `fit_twin_to_ball_press`.
+    """Fit contact mechanics and light to a press, with priors, initial parameters, further presses and base as for
+    `fit_twin_to_ball_press`.
 
     Raises `BallPressUnusable` where a ball in gel does not explain the image.
     """
-    twin_fit = fit_twin_to_ball_press(press, design, priors, initial, base)
+    twin_fit = fit_twin_to_ball_press(press, design, priors, initial, further, base)
     require_explained_by_ball(twin_fit.image_rmse_grey_levels, press.circle)
+    for one, fit in zip(further, twin_fit.further, strict=True):
+        require_explained_by_second_ball(fit.residual_rms_grey_levels, one.press.circle, fit.ball)
     return TwinBallFit(press.about(twin_fit.centre_px), FINE_SMOOTHING, twin_fit)
 
 
@@ -241,7 +252,8 @@ class TwinBallFit(BallFit):
         x, y = self.twin_fit.problem.observed.positions_mm
         height_mm = np.asarray(self.twin_fit.contact.height_mm, np.float32)
         sightlines = SightlineGrid(x, y, self.twin_fit.light.inverse_distance_per_mm)
-        return sightlines.sample(PATCH, self.twin_fit.press.centre_mm, height_mm, field)
+        patch = self.twin_fit.contact.skin.grid
+        return sightlines.sample(patch, self.twin_fit.press.centre_mm, height_mm, field)
 
     @cached_property
     def base_deflection(self) -> BaseDeflection:

@@ -205,6 +205,8 @@ MIN_PRESS_DEPTH_MM = 0.4
 """Smallest depth of a press; a shallower one covers too little of the range to calibrate it."""
 _MAX_RESIDUAL = 0.06
 """Fraction of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
+_MAX_SECOND_RESIDUAL = 0.04
+"""The same for a second ball, whose gel and light are known."""
 _MAX_REFERENCE_DIFFERENCE = 3.0
 """Change in grey levels between two reference images above which a warning is given."""
 
@@ -248,6 +250,18 @@ def require_explained_by_ball(rmse_grey: float, circle: ContactCircle) -> None:
             expected=f"a press that a ball explains to {_MAX_RESIDUAL:.0%} of its darkening",
             got=f"{rmse_grey:.1f} of {circle.darkening_grey_levels:.0f} grey levels unexplained",
             remedy="press a clean ball of the stated radius straight down, or choose another method",
+        )
+
+
+def require_explained_by_second_ball(rmse_grey: float, circle: ContactCircle, ball: BallGauge) -> None:
+    """Refuse a second press that gel and light of the first do not explain, as with another radius than the stated one."""
+    if rmse_grey > _MAX_SECOND_RESIDUAL * circle.darkening_grey_levels:
+        raise BallPressUnusable(
+            expected=f"a second press that a ball of radius {ball.radius_mm:g} mm explains to {_MAX_SECOND_RESIDUAL:.0%} of its "
+            "darkening, on the gel of the first",
+            got=f"{rmse_grey:.1f} of {circle.darkening_grey_levels:.0f} grey levels unexplained",
+            remedy="measure the second ball with a calliper and correct its radius, press it straight down on the same sensor, or "
+            "leave it out",
         )
 
 

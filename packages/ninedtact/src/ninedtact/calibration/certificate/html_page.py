@@ -23,6 +23,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     BallQuality,
     BoardPressFitTable,
     BoardQuality,
+    SecondBallQuality,
     SensorTomlRecord,
     TwinTable,
 )
@@ -67,7 +68,9 @@ def render_certificate_html(calibration: Calibration) -> str:
         warnings=record.certificate.warnings,
         images={name: b64encode(content).decode() for name, content in _plot_certificate_images(calibration).items()},
         board_rows=_without_meaning([*_board_table_rows(record.certificate.board), *_view_table_rows(record)]),
-        ball_rows=_without_meaning(_ball_table_rows(record.certificate.ball)),
+        ball_rows=_without_meaning(
+            [*_ball_table_rows(record.certificate.ball), *_second_ball_table_rows(record.certificate.second_ball)]
+        ),
         twin_rows=_twin_table_rows(record.twin) if record.twin else [],
         design_rows=_without_meaning(_design_table_rows(record.design)),
     )
@@ -189,6 +192,19 @@ PARAMETER_MEANINGS = {
     "brightening_per_mm": "Relative brightening where the gel is thicker than untouched.",
 }
 """What every fitted parameter of the twin is, in one sentence."""
+
+
+def _second_ball_table_rows(second: SecondBallQuality | None) -> Rows:
+    """Return the figures of the second ball, and what it adds to the first."""
+    if second is None:
+        return []
+    return [
+        ("second ball, radius", f"{second.ball_radius_mm:g} mm"),
+        ("second ball, depth", f"{second.max_indentation_mm:.3f} ± {second.max_indentation_std_mm:.3f} mm"),
+        ("second ball, residual (RMS)", f"{second.residual_rms_grey_levels:.2f} grey levels"),
+        ("depth of the first ball, with the second", f"± {second.first_std_mm:.3f} mm"),
+        ("the same without the second", f"± {second.first_std_alone_mm:.3f} mm"),
+    ]
 
 
 def _twin_table_rows(twin: TwinTable) -> list[tuple[str, str, str]]:

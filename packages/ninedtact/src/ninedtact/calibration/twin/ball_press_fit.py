@@ -1,12 +1,13 @@
-"""The fit of the digital twin to one ball press: the pose of the press, the thickness of the gel and the brightness model that
-explain the whole image, with their uncertainties. In: a `BallPress`, the rectified images and the contact circle in them. Out:
-`TwinFit`, from `fit_twin_to_ball_press`.
+"""The fit of the digital twin to presses of balls: the pose of every press, the thickness of the gel and its base, and the
+brightness model that explain the whole images, with their uncertainties. In: a `BallPress` of the design's ball, and any number of
+`FurtherPress` of other balls on the same gel. Out: `TwinFit`, from `fit_twin_to_ball_press`.
 
 The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
 from the residual itself, and the design's gel thickness is added as one more observation. Where the residual is plain noise, that
 observation has no weight.
 """
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -14,30 +15,38 @@ from time import perf_counter
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.optimize import least_squares, lsq_linear
 
 from ninedtact.calibration.ball.ball_press import BallPress
 from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
 from ninedtact.calibration.twin.fit_parameters import (
-    FIT_PARAMETERS,
+    BASE_INDEX,
     NEARLY_RIGID,
     PARAMETER_NAMES,
+    join_presses,
     parameter_bounds,
-    parameter_scales,
-    perturb_parameter,
+    split_by_press,
 )
 from ninedtact.calibration.twin.fit_uncertainty import (
     FitUncertainty,
     effective_observation_count,
     estimate_uncertainty,
+    model_error_share,
+    parameter_covariance,
 )
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.calibration.twin.press_problems import BallPressProblem, JointPressProblem
+from ninedtact.calibration.twin.press_search import (
+    ParameterPrior,
+    PriorTerms,
+    fit_coarsely,
+    fit_finely,
+    leave_some_gel,
+)
+from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.pose import InvalidPose
 from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.calibration_press_models import (
-    COARSE_PATCH,
+    COARSE_PITCH_MM,
     BallPressModel,
     BallPressParameters,
     ParameterVector,
@@ -69,51 +78,27 @@ gel) and does not determine the depth.
 """
 DRAG_PER_ASYMMETRY_MM = 3.0
 """Usual drag of a press per asymmetry of its bulge; used for the initial guess only."""
-MAX_COARSE_STEPS = 40
-"""Largest number of steps of the first search, which yields the residual and a start for the second."""
-MAX_FINE_STEPS = 10
-COARSE_TOLERANCE = 3e-3
-FINE_TOLERANCE = 5e-5
-"""Relative reduction of the sum of squares below which each search ends. With 200 effective observations these are steps of 0.8 and
-0.1 standard deviations of the result."""
-DERIVATIVE_REUSE_REDUCTION = 1e-2
-"""Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
-contact solution each, are reused in the next iteration."""
+_OTHER_BASE_TOLERANCE = 1e-2
+"""Tolerance of the fit with another base, whose difference is as small as an error of an error may be."""
 _HELD_STD = 1e-3
 """Standard deviation of the prior that holds the base at another value."""
-_SHALLOWER = 0.98
-"""Factor on the depth of a first guess that leaves nothing of the gel."""
-STEP_LENGTHS = (1.0, 0.4, 0.15)
-"""Fractions of a step (the step lengths of a line search) that are tried until one reduces the sum of squares."""
 
 
 @dataclass(frozen=True)
-class BallPressProblem:
-    """An observed press of the ball, and the model that predicts it."""
+class FurtherPress:
+    """One more press of a ball on the same gel, which may have another radius than that of the design."""
 
-    observed: ObservedBallPress
-    model: BallPressModel
+    press: BallPress
+    ball: BallGauge
 
-    def linear_basis(self, press: BallPressParameters) -> Float[Array, "n 3"]:
-        """Return the coefficients of level, darkening slope and brightening slope at each observed point."""
-        return self.model.linear_basis(press, self.observed.centre_mm, self.observed.points_mm)
 
-    def fit_linear_terms(self, vector: ParameterVector) -> tuple[Float[Array, "3"], Float[Array, " n"]]:
-        """Return the best level and slopes for these parameters, and their residual in grey levels, observed minus predicted.
+@dataclass(frozen=True)
+class FurtherPressFit:
+    """What the joint fit says of a further press."""
 
-        The residual is infinite where the ball would leave nothing of the gel.
-        """
-        observed = self.observed.relative_brightness
-        try:
-            basis = self.linear_basis(BallPressParameters.from_vector(vector))
-        except InvalidPose:
-            return np.full(3, np.nan), np.full(observed.shape, np.inf)
-        coefficients = np.linalg.solve(basis.T @ basis, basis.T @ observed)
-        return coefficients, (observed - basis @ coefficients) * self.observed.mean_grey
-
-    def starting_from(self, vector: ParameterVector) -> "BallPressProblem":
-        """Return the problem with the contacts of this press as first guesses, which save iterations for similar presses."""
-        return replace(self, model=self.model.starting_from(BallPressParameters.from_vector(vector)))
+    press: BallPressParameters
+    ball: BallGauge
+    residual_rms_grey_levels: float
 
 
 @dataclass(frozen=True)
@@ -126,8 +111,18 @@ class TwinFit:
     """Level, slope of darkening and slope of brightening, solved linearly."""
     residual_grey_levels: Float[Array, " n"]
     """Observed minus predicted brightness at the observed points."""
-    uncertainty: FitUncertainty
+    estimate_uncertainty: Callable[[], FitUncertainty]
+    """Estimates the uncertainties, which takes two more fits; fits that are only on the way to the last one go without."""
     duration_s: float
+    further: tuple[FurtherPressFit, ...] = ()
+    """The other presses that were fitted together with this one."""
+    depth_std_share: float = 1.0
+    """Standard deviation of the depth over that which this press would have alone."""
+
+    @cached_property
+    def uncertainty(self) -> FitUncertainty:
+        """Standard deviations and correlations of the searched parameters."""
+        return self.estimate_uncertainty()
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -135,6 +130,11 @@ class TwinFit:
         level, darkening, brightening = self.brightness_coefficients.tolist()
         linear = {"loss": level - 1, "darkening_per_mm": darkening / level, "brightening_per_mm": brightening / level}
         return {**asdict(self.press), **linear}
+
+    @property
+    def presses(self) -> tuple[BallPressParameters, ...]:
+        """The parameters of all presses that were fitted together, this one first."""
+        return self.press, *(one.press for one in self.further)
 
     @property
     def centre_px(self) -> Float[Array, "2"]:
@@ -199,15 +199,6 @@ class TwinFit:
 
 
 @dataclass(frozen=True)
-class ParameterPrior:
-    """Prior knowledge of a parameter, from other sources than the image."""
-
-    name: str
-    value: float
-    standard_deviation: float
-
-
-@dataclass(frozen=True)
 class KnownBase:
     """The base of a gel as known loads tell it, which the fit takes as it is."""
 
@@ -222,72 +213,111 @@ class KnownBase:
         return ParameterPrior("gel_to_base_modulus_ratio", self.modulus_ratio, _HELD_STD)
 
 
-@dataclass(frozen=True)
-class _PriorTerms:
-    """Prior terms as observations beside those of the image."""
-
-    priors: tuple[ParameterPrior, ...]
-    grey_levels_per_std: float
-    """Grey levels that correspond to one standard deviation of a prior: the residual of an independent observation."""
-
-    def residual(self, vector: ParameterVector) -> Float[Array, " priors"]:
-        """Return the deviation of the vector from the priors, in grey levels."""
-        deviations = [(vector[PARAMETER_NAMES.index(p.name)] - p.value) / p.standard_deviation for p in self.priors]
-        return self.grey_levels_per_std * np.array(deviations, float)
-
-    @property
-    def jacobian(self) -> Float[Array, "priors parameters"]:
-        """The derivative of the residual by the parameters."""
-        rows = [np.array([name == p.name for name in PARAMETER_NAMES]) / p.standard_deviation for p in self.priors]
-        return self.grey_levels_per_std * np.array(rows, float).reshape(-1, len(PARAMETER_NAMES))
-
-
 def fit_twin_to_ball_press(
     press: BallPress,
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
-    initial: BallPressParameters | None = None,
+    initial: tuple[BallPressParameters, ...] = (),
+    further: tuple[FurtherPress, ...] = (),
     base: KnownBase | None = None,
 ) -> TwinFit:
-    """Fit mechanics and light to one press of the design's ball.
+    """Fit mechanics and light to one press of the design's ball, and to further presses on the same gel together with it.
 
-    priors: prior terms from other images. initial: initial parameters, where approximate values are known. base: the base of the
-    gel, where something else than this image tells it.
+    priors: prior terms from other images. initial: initial parameters of every press, where approximate values are known. base: the
+    base of the gel, where something else than these images tells it.
     """
     start_s = perf_counter()
-    observed, model = ObservedBallPress(press.before, press.after, press.centre_mm), BallPressModel(design)
-    problem = BallPressProblem(observed, model)
-    if initial is None:
-        coarse = replace(problem, model=replace(model, patch=COARSE_PATCH))
-        start = _fit_coarsely(coarse, _initial_guess(press, design))
-    else:
-        start = initial.vector
-    start, initial_residual = _leave_some_gel(problem, start)
-    observations = effective_observation_count(observed.image(initial_residual))
+    balls = (design.ball, *(one.ball for one in further))
+    problem = JointPressProblem(
+        tuple(
+            BallPressProblem(
+                ObservedBallPress(one.before, one.after, one.centre_mm), BallPressModel(replace(design, ball=ball))
+            )
+            for one, ball in zip((press, *(one.press for one in further)), balls, strict=True)
+        )
+    )
+    presses = press, *(one.press for one in further)
+    start = join_presses(list(initial)) if initial else _search_from_circles(problem, presses, design)
+    start, residual = leave_some_gel(problem, start)
+    observations = [
+        effective_observation_count(one.observed.image(residual[rows]))
+        for one, rows in zip(problem.presses, problem.rows, strict=True)
+    ]
     priors = priors if base is None else (*priors, base.held)
-    prior_terms = _make_prior_terms(design.gel, initial_residual, observations, priors)
-    problem, vector, jacobian = _fit_finely(problem, start, prior_terms)
+    prior_terms = _make_prior_terms(design.gel, residual, sum(observations), priors)
+    problem, vector, jacobian = fit_finely(problem, start, prior_terms)
     coefficients, residual = problem.fit_linear_terms(vector)
-    model_error, base_std = np.zeros_like(vector), MODULUS_RATIO_MODEL_STD if base is None else base.std
-    if base_std > 0 and not design.gel.has_rigid_base:
-        model_error = base_std * _change_per_modulus_ratio(problem, vector, prior_terms)
-    uncertainty = estimate_uncertainty(jacobian, residual, observations, model_error)
+
+    def uncertainty() -> FitUncertainty:
+        model_error = np.zeros_like(vector)
+        base_std = MODULUS_RATIO_MODEL_STD * model_error_share(jacobian, problem.rows) if base is None else base.std
+        if base_std > 0 and not design.gel.has_rigid_base:
+            model_error = base_std * _change_per_modulus_ratio(problem, vector, prior_terms)
+        return estimate_uncertainty(jacobian, residual, sum(observations), model_error)
+
+    first, *others = split_by_press(vector)
+    level, slopes, first_rows = coefficients[0], coefficients[len(balls) :], problem.rows[0]
+    fits = (
+        FurtherPressFit(
+            one,
+            ball,
+            float(np.sqrt(np.mean(residual[rows] ** 2))),
+        )
+        for one, ball, rows in zip(others, balls[1:], problem.rows[1:], strict=True)
+    )
     return TwinFit(
-        problem, BallPressParameters.from_vector(vector), coefficients, residual, uncertainty, perf_counter() - start_s
+        problem.presses[0],
+        first,
+        np.array([level, *slopes]),
+        residual[first_rows],
+        uncertainty,
+        perf_counter() - start_s,
+        tuple(fits),
+        _depth_std_share(problem, jacobian, residual, observations, not design.gel.has_rigid_base),
     )
 
 
-def _leave_some_gel(problem: BallPressProblem, start: ParameterVector) -> tuple[ParameterVector, Float[Array, " n"]]:
-    """Return the parameters with a depth that leaves some gel under the ball, and their residual.
+def _depth_std_share(
+    problem: JointPressProblem,
+    jacobian: Float[Array, "rows parameters"],
+    residual: Float[Array, " n"],
+    observations: list[float],
+    has_model_error: bool,
+) -> float:
+    """Return the standard deviation of the depth of the first press over that which it would have alone, to first order."""
+    if len(problem.presses) == 1:
+        return 1.0
+    first = problem.rows[0]
+    with_priors = [*range(first.stop), *range(problem.row_count, len(jacobian))]
+    alone = jacobian[with_priors][:, : len(PARAMETER_NAMES)]
+    model_std = MODULUS_RATIO_MODEL_STD if has_model_error else 0.0
+    joint_std = model_std * model_error_share(jacobian, problem.rows)
+    return _depth_std_mm(jacobian, residual, sum(observations), joint_std) / _depth_std_mm(
+        alone, residual[first], observations[0], model_std
+    )
 
-    A coarse grid, which has no point under the ball's lowest, allows a little more, and so does a softer base.
+
+def _depth_std_mm(
+    jacobian: Float[Array, "rows parameters"], residual: Float[Array, " n"], observations: float, model_std: float
+) -> float:
+    """Return the standard deviation of the depth of the first press to first order.
+
+    model_std: standard deviation of the base that the images cannot reduce.
     """
-    possible = start.copy()
-    _, residual = problem.fit_linear_terms(possible)
-    while not np.isfinite(residual).all():
-        possible[PARAMETER_NAMES.index("depth_mm")] *= _SHALLOWER
-        _, residual = problem.fit_linear_terms(possible)
-    return possible, residual
+    covariance = parameter_covariance(jacobian, residual, observations)
+    depth = PARAMETER_NAMES.index("depth_mm")
+    model_error = model_std * covariance[depth, BASE_INDEX] / covariance[BASE_INDEX, BASE_INDEX]
+    return float(np.hypot(np.sqrt(covariance[depth, depth]), model_error))
+
+
+def _search_from_circles(
+    problem: JointPressProblem, presses: tuple[BallPress, ...], design: SensorDesign
+) -> ParameterVector:
+    """Return approximate parameters from the contact circles of all presses, by a search on a coarse grid."""
+    coarse = _on_coarse_grid(problem)
+    guesses = [_initial_guess(press, one.model.design) for press, one in zip(presses, coarse.presses, strict=True)]
+    start = join_presses([BallPressParameters.from_vector(guess) for guess in guesses])
+    return fit_coarsely(coarse, leave_some_gel(coarse, start)[0] if len(presses) > 1 else start)
 
 
 def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
@@ -310,133 +340,54 @@ def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
 
-def _fit_coarsely(problem: BallPressProblem, start: ParameterVector) -> ParameterVector:
-    """Return the least-squares parameters from a distant start, by a trust-region method, without prior terms."""
-
-    def residual(vector: ParameterVector) -> Float[Array, " n"]:
-        return problem.fit_linear_terms(vector)[1]
-
-    def jacobian(vector: ParameterVector) -> Float[Array, "n parameters"]:
-        return _image_jacobian(problem.starting_from(vector), vector, residual(vector))
-
-    lower, upper = parameter_bounds()
-    scales = parameter_scales()
-    solution = least_squares(
-        residual,
-        start,
-        jacobian,
-        (lower, upper),
-        x_scale=scales,
-        ftol=COARSE_TOLERANCE,
-        xtol=1e-3,
-        max_nfev=MAX_COARSE_STEPS,
-    )
-    return np.asarray(solution.x)
-
-
-def _fit_finely(
-    problem: BallPressProblem, start: ParameterVector, prior_terms: _PriorTerms
-) -> tuple[BallPressProblem, ParameterVector, Float[Array, "n parameters"]]:
-    """Return the problem with the contacts of the last iteration as first guesses, the least-squares parameters with prior terms,
-    and the last Jacobian of the residual, with one row for every prior. They are found from a start near by, by Gauss–Newton.
-
-    The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
-    the smallest differences of it does not end. This one ends where the linearised problem predicts too small a reduction, or where
-    no step length reduces the sum of squares.
-    """
-
-    def stacked_residual(vector: ParameterVector) -> Float[Array, " n"]:
-        return np.append(problem.fit_linear_terms(vector)[1], prior_terms.residual(vector))
-
-    vector = start
-    residual = stacked_residual(start)
-    reused_jacobian = None
-    for _ in range(MAX_FINE_STEPS):
-        problem = problem.starting_from(vector)
-        image_residual = residual[: problem.observed.count]
-        image_jacobian = _image_jacobian(problem, vector, image_residual, reused_jacobian)
-        jacobian = np.vstack([image_jacobian, prior_terms.jacobian])
-        step = _bounded_step(jacobian, residual, vector)
-        sum_of_squares = np.sum(residual**2)
-        predicted_reduction = 1 - np.sum((residual + jacobian @ step) ** 2) / sum_of_squares
-        if not predicted_reduction > FINE_TOLERANCE:
-            break
-        reused_jacobian = jacobian if predicted_reduction < DERIVATIVE_REUSE_REDUCTION else None
-        for step_length in STEP_LENGTHS:
-            candidate = vector + step_length * step
-            candidate_residual = stacked_residual(candidate)
-            if np.sum(candidate_residual**2) < sum_of_squares:
-                vector = candidate
-                residual = candidate_residual
-                break
-        else:
-            break
-    return problem, vector, jacobian
-
-
 def _change_per_modulus_ratio(
-    problem: BallPressProblem, vector: ParameterVector, prior_terms: _PriorTerms
+    problem: JointPressProblem, vector: ParameterVector, prior_terms: PriorTerms
 ) -> ParameterVector:
     """Return how the best parameters change with the modulus of the gel over that of its base, from a fit with another base.
 
-    A difference over what is not known of the base says more than the derivative, because the fit is far from linear in it.
+    A difference over what is not known of the base says more than the derivative, because the fit is far from linear in it. Both
+    fits are made on the coarse grid, whose error they share.
     """
-    start, base = vector.copy(), PARAMETER_NAMES.index("gel_to_base_modulus_ratio")
-    stiffer = vector[base] > MODULUS_RATIO_MODEL_STD / 2  # towards a rigid base the press changes most
-    start[base] = (
-        max(vector[base] - MODULUS_RATIO_MODEL_STD, NEARLY_RIGID) if stiffer else vector[base] + MODULUS_RATIO_MODEL_STD
+    coarse, name = _on_coarse_grid(problem), "gel_to_base_modulus_ratio"
+    others = tuple(prior for prior in prior_terms.priors if prior.name != name)
+
+    def best_with_base(ratio: float, start: ParameterVector) -> ParameterVector:
+        held = replace(prior_terms, priors=(*others, ParameterPrior(name, ratio, _HELD_STD)))
+        start = start.copy()
+        start[BASE_INDEX] = ratio
+        start, _ = leave_some_gel(coarse, start)
+        return fit_finely(coarse, start, held, _OTHER_BASE_TOLERANCE)[1]
+
+    fitted = float(vector[BASE_INDEX])
+    stiffer = fitted > MODULUS_RATIO_MODEL_STD / 2  # towards a rigid base the press changes most
+    other = max(fitted - MODULUS_RATIO_MODEL_STD, NEARLY_RIGID) if stiffer else fitted + MODULUS_RATIO_MODEL_STD
+    here = best_with_base(fitted, vector)
+    there = best_with_base(other, here)
+    return np.asarray((there - here) / (there[BASE_INDEX] - here[BASE_INDEX]))
+
+
+def _on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:
+    """Return the problem with contacts on the coarse grid."""
+    return JointPressProblem(
+        tuple(
+            BallPressProblem(one.observed, BallPressModel(one.model.design, COARSE_PITCH_MM)) for one in problem.presses
+        )
     )
-    start, _ = _leave_some_gel(problem, start)
-    others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_to_base_modulus_ratio")
-    held = ParameterPrior("gel_to_base_modulus_ratio", float(start[base]), _HELD_STD)
-    _, moved, _ = _fit_finely(problem, start, replace(prior_terms, priors=(*others, held)))
-    return np.asarray((moved - vector) / (moved[base] - vector[base]))
 
 
-def _bounded_step(
-    jacobian: Float[Array, "n parameters"], residual: Float[Array, " n"], vector: ParameterVector
-) -> ParameterVector:
-    """Return the step that minimises the linearised sum of squares within the bounds of the parameters."""
-    lower, upper = parameter_bounds()
-    cholesky = np.linalg.cholesky(jacobian.T @ jacobian)
-    target = -np.linalg.solve(cholesky, jacobian.T @ residual)
-    return np.asarray(lsq_linear(cholesky.T, target, (lower - vector, upper - vector), method="bvls").x)
+def prior_of_base(gel: Gel) -> ParameterPrior:
+    """Return what is known of the base before any image: most are far stiffer than the gel, and a few are not."""
+    name = "gel_to_base_modulus_ratio"
+    return ParameterPrior(name, gel.gel_to_base_modulus_ratio, MODULUS_RATIO_STD, has_heavy_tails=True)
 
 
 def _make_prior_terms(
     gel: Gel, residual: Float[Array, " n"], observations: float, priors: tuple[ParameterPrior, ...]
-) -> _PriorTerms:
+) -> PriorTerms:
     """Return the design's thickness and base and other priors, each as one observation among this many independent ones."""
     thickness = ParameterPrior("thickness_mm", gel.thickness_mm, RELATIVE_THICKNESS_STD * gel.thickness_mm)
-    base = ParameterPrior("gel_to_base_modulus_ratio", gel.gel_to_base_modulus_ratio, MODULUS_RATIO_STD)
+    base = prior_of_base(gel)
     if gel.has_rigid_base:  # by choice: a design without a layer that yields
         base = ParameterPrior("gel_to_base_modulus_ratio", NEARLY_RIGID, _HELD_STD * NEARLY_RIGID)
     grey_levels_per_std = float(np.sqrt(np.sum(residual**2) / observations))
-    return _PriorTerms((thickness, base, *priors), grey_levels_per_std)
-
-
-def _image_jacobian(
-    problem: BallPressProblem,
-    vector: ParameterVector,
-    residual: Float[Array, " n"],
-    reused_jacobian: Float[Array, "rows parameters"] | None = None,
-) -> Float[Array, "n parameters"]:
-    """Return the derivative of the residual by each searched parameter, with level and slopes refitted (variable projection).
-
-    residual: that at this vector. reused_jacobian: that at a vector near by, whose derivatives by the parameters of the contact are
-    reused.
-    """
-    columns = []
-    for index, parameter in enumerate(FIT_PARAMETERS):
-        if reused_jacobian is not None and parameter.moves_contact:
-            columns.append(reused_jacobian[: residual.size, index])
-            continue
-        perturbed, step = perturb_parameter(vector, index)
-        change = problem.fit_linear_terms(perturbed)[1] - residual
-        if not np.isfinite(change).all():  # deeper than the gel allows: take the other side
-            step = -step
-            perturbed = vector.copy()
-            perturbed[index] += step
-            change = problem.fit_linear_terms(perturbed)[1] - residual
-        columns.append(change / step)
-    return np.column_stack(columns)
+    return PriorTerms((thickness, base, *priors), grey_levels_per_std)

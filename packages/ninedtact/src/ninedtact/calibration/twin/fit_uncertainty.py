@@ -8,13 +8,19 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.twin.fit_parameters import PARAMETER_NAMES
+from ninedtact.calibration.twin.fit_parameters import (
+    BASE_INDEX,
+    PARAMETER_NAMES,
+    fit_parameters,
+    parameters_of_press,
+    press_count_of,
+)
 from ninedtact.simulation.calibration_press_models import ParameterVector
 
 
 @dataclass(frozen=True)
 class FitUncertainty:
-    """Standard deviations and correlations of the searched parameters."""
+    """Standard deviations of the searched parameters, and correlations of those of the first press, gel and view."""
 
     effective_observations: float
     """Effective number of independent observations."""
@@ -52,8 +58,31 @@ def estimate_uncertainty(
     covariance = parameter_covariance(jacobian, residual, effective_observations) + np.outer(model_error, model_error)
     standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
     divisors = np.where(standard_deviations > 0, standard_deviations, 1)
-    named = dict(zip(PARAMETER_NAMES, standard_deviations.tolist(), strict=True))
-    return FitUncertainty(effective_observations, named, covariance / np.outer(divisors, divisors))
+    names = [parameter.name for parameter in fit_parameters(press_count_of(standard_deviations))]
+    named = dict(zip(names, standard_deviations.tolist(), strict=True))
+    own = slice(len(PARAMETER_NAMES))
+    return FitUncertainty(effective_observations, named, (covariance / np.outer(divisors, divisors))[own, own])
+
+
+def model_error_share(jacobian: Float[Array, "rows parameters"], rows: list[slice]) -> float:
+    """Return the share of the model's error of one image that is left where presses are fitted together: 1 for one press.
+
+    The error of the model moves what each image alone would say of the base, by as much for every image and independently. The
+    joint fit moves by less, as far as gel and light that the presses share contradict it. jacobian: that of the joint fit, rows of
+    priors last. rows: the rows of each press.
+    """
+    if len(rows) == 1:
+        return 1.0
+    alone = [_base_information(jacobian[one][:, parameters_of_press(n)]) for n, one in enumerate(rows)]
+    joint = _base_information(jacobian[: rows[-1].stop])
+    return float(min(np.sqrt(np.sum(np.square(alone))) / joint, 1.0))
+
+
+def _base_information(jacobian: Float[Array, "rows parameters"]) -> float:
+    """Return what images say of the modulus of the base when all other parameters are fitted, as the inverse of its variance for
+    residuals of one grey level."""
+    information = jacobian.T @ jacobian
+    return float(1 / max(np.linalg.pinv(information, hermitian=True)[BASE_INDEX, BASE_INDEX], 1e-30))
 
 
 def effective_observation_count(residual: Float[Array, "rows cols"]) -> float:

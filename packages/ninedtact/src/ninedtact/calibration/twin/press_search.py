@@ -1,0 +1,199 @@
+"""The search for the parameters of presses of balls: prior terms, a trust-region search from a distant start on a coarse grid, and
+Gauss–Newton from a start near by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.optimize import least_squares, lsq_linear
+
+from ninedtact.calibration.twin.fit_parameters import (
+    PARAMETER_NAMES,
+    fit_parameters,
+    parameter_bounds,
+    parameter_scales,
+    perturb_parameter,
+    press_count_of,
+)
+from ninedtact.calibration.twin.press_problems import JointPressProblem
+from ninedtact.simulation.calibration_press_models import ParameterVector
+
+_MAX_COARSE_STEPS = 40
+"""Largest number of steps of the first search, which yields the residual and a start for the second."""
+_MAX_FINE_STEPS = 10
+_COARSE_TOLERANCE = 5e-3
+FINE_TOLERANCE = 1e-4
+"""Relative reduction of the sum of squares below which each search ends. With 200 effective observations these are steps of 1 and
+0.14 standard deviations of the result."""
+_DERIVATIVE_REUSE_REDUCTION = 1e-2
+"""Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
+contact solution each, are reused in the next iteration."""
+_STEP_LENGTHS = (1.0, 0.4, 0.15)
+"""Fractions of a step (the step lengths of a line search) that are tried until one reduces the sum of squares."""
+_RIDGE = 1e-14
+"""Share of the largest diagonal element that keeps the normal equations of a step regular."""
+_TAIL_DEGREES = 3.0
+"""Degrees of freedom of a prior with heavy tails: seven standard deviations cost as much as three of a normal one."""
+_SHALLOWER = 0.98
+"""Factor on the depth of a first guess that leaves nothing of the gel."""
+
+
+@dataclass(frozen=True)
+class ParameterPrior:
+    """Prior knowledge of a parameter, from other sources than the image."""
+
+    name: str
+    value: float
+    standard_deviation: float
+    has_heavy_tails: bool = False
+    """Whether values far from this one are rare rather than excluded, as for a logarithmic penalty (Student's distribution)."""
+
+    def residual(self, value: float) -> tuple[float, float]:
+        """Return the residual of a value in standard deviations, and its derivative by the value."""
+        deviation = (value - self.value) / self.standard_deviation
+        if not self.has_heavy_tails or deviation == 0:
+            return deviation, 1 / self.standard_deviation
+        square = deviation**2 / _TAIL_DEGREES
+        residual = float(np.copysign(np.sqrt(_TAIL_DEGREES * np.log1p(square)), deviation))
+        return residual, deviation / residual / (1 + square) / self.standard_deviation
+
+
+@dataclass(frozen=True)
+class PriorTerms:
+    """Prior terms as observations beside those of the image."""
+
+    priors: tuple[ParameterPrior, ...]
+    grey_levels_per_std: float
+    """Grey levels that correspond to one standard deviation of a prior: the residual of an independent observation."""
+
+    def residual(self, vector: ParameterVector) -> Float[Array, " priors"]:
+        """Return the deviation of the vector from the priors, in grey levels."""
+        deviations = [prior.residual(vector[PARAMETER_NAMES.index(prior.name)])[0] for prior in self.priors]
+        return self.grey_levels_per_std * np.array(deviations, float)
+
+    def jacobian(self, vector: ParameterVector) -> Float[Array, "priors parameters"]:
+        """Return the derivative of the residual by the parameters."""
+        rows = np.zeros((len(self.priors), vector.size))
+        for row, prior in zip(rows, self.priors, strict=True):
+            index = PARAMETER_NAMES.index(prior.name)
+            row[index] = self.grey_levels_per_std * prior.residual(vector[index])[1]
+        return rows
+
+
+def fit_coarsely(problem: JointPressProblem, start: ParameterVector) -> ParameterVector:
+    """Return the least-squares parameters from a distant start, by a trust-region method, without prior terms."""
+
+    def residual(vector: ParameterVector) -> Float[Array, " n"]:
+        return problem.fit_linear_terms(vector)[1]
+
+    def jacobian(vector: ParameterVector) -> Float[Array, "n parameters"]:
+        return image_jacobian(problem.starting_from(vector), vector, residual(vector))
+
+    count = len(problem.presses)
+    solution = least_squares(
+        residual,
+        start,
+        jacobian,
+        parameter_bounds(count),
+        x_scale=parameter_scales(count),
+        ftol=_COARSE_TOLERANCE,
+        xtol=1e-3,
+        max_nfev=_MAX_COARSE_STEPS,
+    )
+    return np.asarray(solution.x)
+
+
+def leave_some_gel(problem: JointPressProblem, start: ParameterVector) -> tuple[ParameterVector, Float[Array, " n"]]:
+    """Return the parameters with depths that leave some gel under every ball, and their residual.
+
+    A coarse grid, which has no point under the ball's lowest, allows a little more, and so does a softer base.
+    """
+    possible = start.copy()
+    depths = [index for index, one in enumerate(fit_parameters(press_count_of(start))) if "depth_mm" in one.name]
+    _, residual = problem.fit_linear_terms(possible)
+    if np.isfinite(residual).all():
+        return possible, residual
+    while not np.isfinite(residual).all():
+        possible[depths] *= _SHALLOWER
+        _, residual = problem.fit_linear_terms(possible)
+    possible[depths] *= _SHALLOWER  # so that differences on either side leave some gel, too
+    return possible, problem.fit_linear_terms(possible)[1]
+
+
+def fit_finely(
+    problem: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms, tolerance: float = FINE_TOLERANCE
+) -> tuple[JointPressProblem, ParameterVector, Float[Array, "rows parameters"]]:
+    """Return the problem with the contacts of the last iteration as first guesses, the least-squares parameters with prior terms,
+    and the last Jacobian of the residual, with one row for every prior. They are found from a start near by, by Gauss–Newton.
+
+    The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
+    the smallest differences of it does not end. This one ends where the linearised problem predicts a smaller relative reduction
+    than `tolerance`, or where no step length reduces the sum of squares.
+    """
+
+    def stacked_residual(vector: ParameterVector) -> Float[Array, " n"]:
+        return np.append(problem.fit_linear_terms(vector)[1], prior_terms.residual(vector))
+
+    vector = start
+    residual = stacked_residual(start)
+    reused_jacobian = None
+    for _ in range(_MAX_FINE_STEPS):
+        problem = problem.starting_from(vector)
+        derivatives = image_jacobian(problem, vector, residual[: problem.row_count], reused_jacobian)
+        jacobian = np.vstack([derivatives, prior_terms.jacobian(vector)])
+        step = _bounded_step(jacobian, residual, vector)
+        sum_of_squares = np.sum(residual**2)
+        predicted_reduction = 1 - np.sum((residual + jacobian @ step) ** 2) / sum_of_squares
+        if not predicted_reduction > tolerance:
+            break
+        reused_jacobian = jacobian if predicted_reduction < _DERIVATIVE_REUSE_REDUCTION else None
+        for step_length in _STEP_LENGTHS:
+            candidate = vector + step_length * step
+            candidate_residual = stacked_residual(candidate)
+            if np.sum(candidate_residual**2) < sum_of_squares:
+                vector = candidate
+                residual = candidate_residual
+                break
+        else:
+            break
+    return problem, vector, jacobian
+
+
+def _bounded_step(
+    jacobian: Float[Array, "n parameters"], residual: Float[Array, " n"], vector: ParameterVector
+) -> ParameterVector:
+    """Return the step that minimises the linearised sum of squares within the bounds of the parameters."""
+    lower, upper = parameter_bounds(press_count_of(vector))
+    square = jacobian.T @ jacobian
+    cholesky = np.linalg.cholesky(square + _RIDGE * np.diag(square).max() * np.eye(vector.size))
+    target = -np.linalg.solve(cholesky, jacobian.T @ residual)
+    return np.asarray(lsq_linear(cholesky.T, target, (lower - vector, upper - vector), method="bvls").x)
+
+
+def image_jacobian(
+    problem: JointPressProblem,
+    vector: ParameterVector,
+    residual: Float[Array, " n"],
+    reused_jacobian: Float[Array, "rows parameters"] | None = None,
+) -> Float[Array, "n parameters"]:
+    """Return the derivative of the residual by each searched parameter, with levels and slopes refitted (variable projection).
+
+    residual: that at this vector. reused_jacobian: that at a vector near by, whose derivatives by the parameters of the contact are
+    reused.
+    """
+    columns = []
+    for index, parameter in enumerate(fit_parameters(len(problem.presses))):
+        if reused_jacobian is not None and parameter.moves_contact:
+            columns.append(reused_jacobian[: residual.size, index])
+            continue
+        perturbed, step = perturb_parameter(vector, index)
+        change = problem.fit_linear_terms(perturbed)[1] - residual
+        if not np.isfinite(change).all():  # deeper than the gel allows: take the other side
+            step = -step
+            perturbed = vector.copy()
+            perturbed[index] += step
+            change = problem.fit_linear_terms(perturbed)[1] - residual
+        # On the verge of what the gel allows a parameter stays as it is, until the others have led away from there.
+        columns.append(change / step if np.isfinite(change).all() else np.zeros_like(change))
+    return np.column_stack(columns)

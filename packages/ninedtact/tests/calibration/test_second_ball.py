@@ -1,0 +1,182 @@
+"""A second ball on the same gel: what it would tell, what the joint fit finds, and what a sensor keeps of it."""
+
+import json
+import shutil
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from ninedtact.calibration.guidance import guided_capture_steps
+from ninedtact.calibration.press_plan import known_press_of_design, plan_second_press
+from ninedtact.calibration.procedure import SECOND_BALL_NAMES
+from ninedtact.calibration.save import save_images_beside, to_sensor_toml
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_toml_schema import StoredCalibrationImage
+from ninedtact.calibration.settings import CalibrationSettings
+from ninedtact.calibration.twin.ball_press_fit import prior_of_base
+from ninedtact.calibration.twin.fit_parameters import (
+    fit_parameters,
+    join_presses,
+    parameters_of_press,
+    press_count_of,
+    split_by_press,
+)
+from ninedtact.calibration.twin.fit_uncertainty import model_error_share
+from ninedtact.cli import main
+from ninedtact.design import BallGauge, DesignImpossible, Gel, SensorDesign
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.quantities import BgrImage
+from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
+from ninedtact.simulation.calibration_images import CALIBRATION_SOLVER_SETTINGS
+from ninedtact.simulation.calibration_press_models import BallPressParameters
+from ninedtact.simulation.trajectory import ScriptedPress
+from ninedtact.simulation.twin import default_twin
+
+FIRST = BallPressParameters(0.6, -0.4, 1.3, 0.3, -0.2, 2.3, 0.5, 0.5, 0.05, 0.12)
+SECOND = replace(FIRST, x_mm=-1.0, y_mm=2.0, depth_mm=0.9, drag_x_mm=0.0)
+
+
+def test_presses_share_gel_and_view_and_nothing_else() -> None:
+    vector = join_presses([FIRST, SECOND])
+    assert (press_count_of(vector), vector.size, len(fit_parameters(2))) == (2, 15, 15)
+    assert split_by_press(vector) == [FIRST, SECOND]
+    for number, press in enumerate((FIRST, SECOND)):
+        np.testing.assert_array_equal(vector[parameters_of_press(number)], press.vector)
+
+
+def test_a_base_far_from_the_usual_one_is_rare_and_not_excluded() -> None:
+    prior = prior_of_base(Gel())
+    near, slope = prior.residual(0.05)
+    assert near == pytest.approx(0.25, rel=0.02) and slope == pytest.approx(25, rel=0.05)
+    far, slope = prior.residual(0.333)
+    assert 2.5 < far < 3.5, "seven standard deviations of a normal prior would outweigh any image"
+    assert slope == pytest.approx((prior.residual(0.334)[0] - far) / 1e-3, rel=0.01)
+    assert prior.residual(0.0)[0] == -prior.residual(0.08)[0]
+
+
+def test_the_error_of_the_model_stays_with_one_press_and_halves_where_two_say_the_same() -> None:
+    rng = np.random.default_rng(0)
+    alone = rng.normal(size=(60, 10))
+    assert model_error_share(alone, [slice(0, 60)]) == 1
+    unrelated = np.zeros((120, 15))
+    unrelated[:60, parameters_of_press(0)], unrelated[60:, parameters_of_press(1)] = alone, alone
+    share = model_error_share(unrelated, [slice(0, 60), slice(60, 120)])
+    assert share == pytest.approx(1 / np.sqrt(2), rel=0.15), "two presses alike say what one says, twice"
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_second_press(known_press_of_design(SensorDesign()))
+
+
+def test_no_press_makes_anything_less_certain_and_the_best_comes_first(plan) -> None:
+    alone = vars(plan.alone)
+    for candidate, errors in plan.candidates:
+        assert all(left <= alone[name] * 1.001 for name, left in vars(errors).items()), candidate
+    left_mm = [errors.depth_mm for _, errors in plan.candidates]
+    assert left_mm == sorted(left_mm) and left_mm[0] < 0.5 * plan.alone.depth_mm
+    by_name = {candidate.name: errors for candidate, errors in plan.candidates}
+    other, same = by_name["ball of radius 2.4 mm"], by_name["the same ball, as deep"]
+    assert other.depth_mm < 0.6 * same.depth_mm, "another radius tells more than the same image again"
+    weighed = by_name["the same ball on a kitchen scale"]
+    assert weighed.relative_load < 0.05 < 0.2 < same.relative_load
+    assert weighed.depth_mm == pytest.approx(same.depth_mm, rel=0.05), "a load alone does not tell the depth"
+
+
+def test_a_base_that_is_rigid_by_design_leaves_no_doubt_of_it() -> None:
+    rigid = SensorDesign(gel=Gel(gel_to_base_modulus_ratio=0.0))
+    assert plan_second_press(known_press_of_design(rigid)).alone.modulus_ratio < 1e-4
+
+
+def test_the_plan_is_printed_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "--plan", "--json", "--out", str(tmp_path / "new")]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (
+        said["subject"] == "the design" and len(said["candidates"]) >= 8 and said["best"].startswith("ball of radius")
+    )
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.fixture(scope="module")
+def with_second_ball(physical_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+    """The sensor with images of a second ball, 1 mm deep, before it is calibrated with them."""
+    twin = default_twin()
+    contact = ScriptedPress(1.0, at_mm=(0.8, -0.5), drag_mm=(0.1, -0.1)).simulate(
+        twin, Ball(2.5), CALIBRATION_SOLVER_SETTINGS
+    )
+    path = tmp_path_factory.mktemp("second") / "my_sensor"
+    shutil.copytree(physical_sensor.path, path)
+    images = dict(zip(SECOND_BALL_NAMES, (twin.renderer(None, 50), twin.renderer(contact, 51)), strict=True))
+    saved = save_images_beside(path, images)
+    entries = {}
+    for name in images:
+        shutil.move(saved / f"{name}.png", path / "images" / f"{name}.png")
+        digest = sha256((path / "images" / f"{name}.png").read_bytes()).hexdigest()
+        entries[name] = StoredCalibrationImage(f"images/{name}.png", digest)
+    record = structs.replace(physical_sensor.record, images=physical_sensor.record.images | entries)
+    (path / "sensor.toml").write_bytes(to_sensor_toml(record))
+    return load_sensor(path)
+
+
+def test_a_second_ball_tells_the_depth_and_is_kept(
+    with_second_ball: SensorFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = with_second_ball.record.twin
+    assert main(["simulate", "fit", "--sensor", str(with_second_ball.path)]) == 0
+    sensor = load_sensor(with_second_ball.path)
+    second = sensor.record.certificate.second_ball
+    assert second is not None and second.ball_radius_mm == 2.5
+    assert second.max_indentation_mm == pytest.approx(1.0, rel=0.03)
+    assert second.first_std_mm < second.first_std_alone_mm
+    ball = sensor.record.certificate.ball
+    assert ball.max_indentation_mm == pytest.approx(1.8, rel=0.03)
+    now = sensor.record.twin
+    depth_before, depth = (one.fit.parameters["depth_mm"] for one in (before, now))
+    assert depth.std < depth_before.std and abs(depth.value - 1.8) < 2.5 * depth.std
+    assert {*SECOND_BALL_NAMES} <= sensor.record.images.keys()
+    assert "second ball, depth" in (sensor.path / "certificate.html").read_text()
+
+
+def test_a_second_ball_that_cannot_be_used_is_named(
+    with_second_ball: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images = with_second_ball.path / "images"
+    four = ["--out", str(tmp_path / "new"), "--images", str(images)]
+    out = ["--out", str(tmp_path / "new")]
+    board = ["--board-reference", str(images / "board_reference.png"), "--board", str(images / "board.png")]
+    for options, said in (
+        ([*four, "--method", "ratio"], "the method physics for a second ball"),
+        ([*four, "--second-ball-radius-mm", "1.5"], "of the second ball a disc smaller than the ball"),
+        ([*out, *board, "--second-ball", str(images / "second_ball.png")], "--ball beside --second-ball"),
+        ([*four, "--with-second-ball"], "--source or --page beside --with-second-ball"),
+        ([*four, "--second-ball-radius-mm", "0"], "second_radius_mm"),
+    ):
+        assert main(["calibrate", *options]) == 1
+        assert said in capsys.readouterr().err, said
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_person_is_guided_through_the_second_ball_too() -> None:
+    design, settings = SensorDesign(), CalibrationSettings(method="ratio")
+    taken: dict[str, BgrImage] = {}
+    with SimulatedCalibrationCamera(default_twin(), design, rate_hz=1000.0) as camera:
+        for step in guided_capture_steps(design, settings, second_ball=True):
+            camera.follow(step.name)
+            watch = step.watch(taken)
+            kept = (watch(camera.read().image).image for _ in range(60))
+            taken[step.name] = next(image for image in kept if image is not None)
+    assert list(taken) == ["board_reference", "board", "ball_reference", "ball", *SECOND_BALL_NAMES]
+
+
+@pytest.mark.parametrize(("ratio", "said"), [(1.2, "softer than the gel"), (1e-6, "stiffer than glass")])
+def test_a_base_that_no_sensor_has_is_refused(ratio: float, said: str) -> None:
+    with pytest.raises(DesignImpossible, match=said):
+        SensorDesign(gel=Gel(gel_to_base_modulus_ratio=ratio))
+
+
+def test_the_balls_of_a_design() -> None:
+    assert SensorDesign(ball=BallGauge(5.0, 3.0)).ball.second.radius_mm == 3.0
