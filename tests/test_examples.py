@@ -55,7 +55,7 @@ def test_reconstruct(calibrated: tuple[Path, str], real_data: Path, tmp_path: Pa
     said = run("02_reconstruct.py", real_data, "--sensor", calibrated[0], "--out", tmp_path)
     deepest_mm = number(r"pressed in ([\d.]+) mm", said)
     assert deepest_mm == pytest.approx(2.15, abs=0.12)
-    assert np.load(tmp_path / "height.npy").min() == pytest.approx(-deepest_mm, abs=1e-3)
+    assert np.load(tmp_path / "height.npy").min() == pytest.approx(-deepest_mm, abs=0.01)  # the mean over a patch
     assert cv2.imread(str(tmp_path / "height_shaded.png")).shape[2] == 3
 
 

@@ -85,7 +85,11 @@ class KnownSensor:
     def turned(self, quarter_turns: int) -> CalibrationImages:
         """The same images from a camera that is turned."""
         return CalibrationImages(
-            **{name: np.rot90(image, quarter_turns).copy() for name, image in vars(self.images()).items()}
+            **{
+                name: np.rot90(image, quarter_turns).copy()
+                for name, image in vars(self.images()).items()
+                if image is not None
+            }
         )
 
 

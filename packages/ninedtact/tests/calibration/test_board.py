@@ -211,7 +211,9 @@ def dented(image: np.ndarray) -> np.ndarray:
 
 def test_a_smooth_correction_follows_what_no_lens_model_does(tmp_path: Path) -> None:
     sensor = KnownSensor()
-    images = CalibrationImages(**{name: dented(image) for name, image in vars(sensor.images()).items()})
+    images = CalibrationImages(
+        **{name: dented(image) for name, image in vars(sensor.images()).items() if image is not None}
+    )
     made = calibrate(images, settings=CalibrationSettings(method="ratio"))
     fit, folder = made.board, save_sensor(tmp_path / "sensor", made)
     assert fit.correction is not None

@@ -94,7 +94,7 @@ def test_pins_predict_each_other_as_well(together: Calibration, apart: Calibrati
 
 
 def test_the_ball_is_as_deep_as_it_was_pressed(together: Calibration) -> None:
-    assert together.ball.max_indentation_mm == pytest.approx(1.8, abs=0.03)
+    assert together.ball.max_indentation_mm == pytest.approx(1.8, abs=0.05)
 
 
 def test_a_board_that_is_not_as_drawn_changes_nothing(calibrated_a: Calibration) -> None:

@@ -85,7 +85,8 @@ def deconvolve_gaussian_blur(field: Field, sigma_px: float, floor: float) -> Fie
     for _ in range(_ITERATIONS):
         gradient = _gradient(sharp)
         gradient += kept
-        steepness = cv2.magnitude(gradient[0], gradient[1])
+        # Not by `cv2.magnitude`, whose last digit depends on where the arrays lie in memory.
+        steepness = np.sqrt(np.square(gradient[0]) + np.square(gradient[1]))
         np.multiply(gradient, threshold / np.maximum(steepness, threshold), out=kept)
         gradient -= 2 * kept
         edges = _transform(_negative_divergence(gradient))
@@ -97,11 +98,22 @@ def deconvolve_gaussian_blur(field: Field, sigma_px: float, floor: float) -> Fie
 
 
 def _transform(field: Field) -> Field:
-    return np.asarray(cv2.dft(field), np.float32)
+    aligned = _aligned_copy(field)
+    return np.asarray(cv2.dft(aligned, dst=aligned))
 
 
 def _inverse_transform(transform: Field) -> Field:
-    return np.asarray(cv2.dft(transform, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT))
+    aligned, flags = _aligned_copy(transform), cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
+    return np.asarray(cv2.dft(aligned, dst=aligned, flags=flags))
+
+
+def _aligned_copy(field: Field) -> Field:
+    """Return a copy that begins at a multiple of 64 bytes: the last digit of `cv2.dft` depends on where a field lies in memory."""
+    memory = np.empty(field.nbytes + 64, np.uint8)
+    start = -memory.ctypes.data % 64
+    aligned = memory[start : start + field.nbytes].view(np.float32).reshape(field.shape)
+    aligned[...] = field
+    return aligned
 
 
 def _gradient(field: Field) -> Float32[Array, "2 rows cols"]:
