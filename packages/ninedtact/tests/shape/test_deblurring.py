@@ -23,7 +23,7 @@ def test_a_flat_print_comes_back_with_a_steeper_edge_and_without_ringing() -> No
     assert sharp.min() > -0.11 and sharp.max() < 0.008
     off, before = (np.abs(field - disc).sum() for field in (sharp, seen))
     assert off < 0.6 * before
-    np.testing.assert_array_equal(deconvolve_gaussian_blur(seen.T.copy(), SIGMA_PX, FLOOR).T.argmin(), sharp.argmin())
+    np.testing.assert_allclose(deconvolve_gaussian_blur(seen.T.copy(), SIGMA_PX, FLOOR).T, sharp, atol=1e-3)
 
 
 @pytest.mark.parametrize("place", [(60, 45), (0, 4)], ids=["inside", "at the border"])

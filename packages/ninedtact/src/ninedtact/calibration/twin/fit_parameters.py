@@ -36,7 +36,7 @@ FIT_PARAMETERS = (
     *_POSE_PARAMETERS,
     _FitParameter("thickness_mm", 0.8, 6.0, 0.03, moves_contact=True),
     _FitParameter("point_spread_mm", 0.05, 1.5, 0.02, 0.3),
-    _FitParameter("saturation", 0.0, 5.0, 0.05, 0.5),
+    _FitParameter("saturation", 0.0, 10.0, 0.05, 0.5),
     _FitParameter("inverse_distance_per_mm", 0.0, 0.08, 0.004, 0.05),
     _FitParameter("gel_to_base_modulus_ratio", NEARLY_RIGID, 0.35, 0.02, 0.1, moves_contact=True),
 )
