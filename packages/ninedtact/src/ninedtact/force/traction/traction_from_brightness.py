@@ -55,7 +55,7 @@ class SolverSettings:
     """Largest number of linearisations that start from the result of the previous image."""
     max_qp_solves: int = 30
     """Largest number of linear solves for each quadratic programme."""
-    target_decrement: float = 0.2
+    target_decrement: float = 0.5
     """Newton decrement, in standard deviations of any sum of the unknowns, below which the iteration may end."""
     target_change: float = 0.08
     """Change of the pressure, relative to its sum, below which the iteration may end: shear is carried by the pressure of the
