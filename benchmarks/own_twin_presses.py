@@ -7,6 +7,7 @@ Nothing is wrong with the calibration here: what is seen is the error of the inv
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import tyro
 from figures import Figure, answer, at_most
 from real_images import calibrated
@@ -26,6 +27,13 @@ DEPTHS_MM = 0.3, 0.6, 0.9, 1.2, 1.5, 1.8
 LEAST_N = 0.3
 """Load from which relative errors count."""
 PLACE_MM = 0.7, -0.4
+STREAMS = "key_05", "ball:4", "letter_03"
+MOTION = (
+    *(Pose(*PLACE_MM, depth_mm) for depth_mm in np.arange(0.2, 0.85, 0.1)),
+    *(Pose(PLACE_MM[0] + drag_mm, PLACE_MM[1], 0.8) for drag_mm in np.arange(0.1, 0.55, 0.1)),
+    *(Pose(PLACE_MM[0] + 0.5, PLACE_MM[1], 0.8, np.radians(twist_deg)) for twist_deg in (3, 6, 9, 12)),
+)
+"""A stream of presses: deeper, then dragged, then twisted."""
 REFERENCES = 8
 
 
@@ -50,6 +58,27 @@ def figures_of(sensor: SensorFolder, name: str, quick: bool) -> Iterator[Figure]
             counted = [abs(ratio - 1) for load_n, ratio, in_range in found if in_range and load_n > LEAST_N]
             worst = max([worst, *counted])
     yield at_most(f"{name}: worst ball in range, %", 100 * worst, 5.0, "%")
+    differences = [difference_in_stream(sensor, item) for item in STREAMS[: 1 if quick else None]]
+    yield at_most(
+        f"{name}: force in a stream beside that of the image alone, largest % of Fz", max(differences), 1.0, "%"
+    )
+
+
+def difference_in_stream(sensor: SensorFolder, item: str) -> float:
+    """Return the largest difference of a force component from that of the image alone, in percent of F_z, while an object is
+    pressed, dragged and twisted."""
+    twin, shape = sensor.twin(), sensor.shape
+    stream, alone = (sensor.estimator("physics", with_force_scale=False) for _ in range(2))
+    depth_reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(REFERENCES)))
+    indenter, last, largest = indenter_from_name(item), None, 0.0
+    for number, pose in enumerate(MOTION):
+        last = twin.press(last, indenter, pose)
+        reading = read_frame(Frame(twin.renderer(last.corrected, number)), shape, depth_reader)
+        alone.forget()
+        followed, single = (each.estimate(reading).wrench.force_n for each in (stream, alone))
+        if -single[2] > LEAST_N:
+            largest = max(largest, 100 * float(np.abs(followed - single).max() / -single[2]))
+    return largest
 
 
 def presses_of(sensor: SensorFolder, item: str, depths_mm: tuple[float, ...]) -> Iterator[tuple[float, float, bool]]:

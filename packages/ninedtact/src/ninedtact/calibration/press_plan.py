@@ -21,7 +21,14 @@ from ninedtact.calibration.twin.ball_press_fit import (
     RELATIVE_THICKNESS_STD,
     prior_of_base,
 )
-from ninedtact.calibration.twin.fit_parameters import FIT_PARAMETERS, NEARLY_RIGID, PARAMETER_NAMES, POSE_COUNT
+from ninedtact.calibration.twin.fit_parameters import (
+    FIT_PARAMETERS,
+    NEARLY_RIGID,
+    PARAMETER_NAMES,
+    POSE_COUNT,
+    perturb_parameter,
+)
+from ninedtact.calibration.twin.fit_uncertainty import information_of_parameter, share_left_of_model_error
 from ninedtact.calibration.twin.observed_presses import REACH_MM
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter, LyingCylinder
@@ -213,15 +220,13 @@ class _PressInformation:
         basis, log_load = predict(press)
         image = basis @ brightness
         by_own, load_by_own = [], []
-        for index, parameter in enumerate(FIT_PARAMETERS):
-            step = parameter.difference_step
-            if press.vector[index] + step >= parameter.upper_bound:
-                step = -step
+        for index in range(len(FIT_PARAMETERS)):
+            vector, step = perturb_parameter(press.vector, index)
             try:
-                moved, moved_log_load = predict(_moved(press, index, step))
-            except InvalidPose:
+                moved, moved_log_load = predict(BallPressParameters.from_vector(vector))
+            except InvalidPose:  # deeper than the gel allows: take the other side
+                moved, moved_log_load = predict(BallPressParameters.from_vector(2 * press.vector - vector))
                 step = -step
-                moved, moved_log_load = predict(_moved(press, index, step))
             by_own.append((moved @ brightness - image) / step)
             load_by_own.append((moved_log_load - log_load) / step)
         nothing = np.zeros_like(image)
@@ -237,12 +242,6 @@ class _PressInformation:
         where, whole = _indices(number), np.zeros((size, size))
         whole[np.ix_(where, where)] = self.matrix
         return whole
-
-
-def _moved(press: BallPressParameters, index: int, step: float) -> BallPressParameters:
-    vector = press.vector
-    vector[index] += step
-    return BallPressParameters.from_vector(vector)
 
 
 def _points_around(press: BallPressParameters) -> tuple[Float32[Array, "1 n"], Float32[Array, "1 n"]]:
@@ -285,8 +284,8 @@ def _errors(
     if not known.design.gel.has_rigid_base:
         share = 1.0
         if count > 1:
-            alone = [_information_of_base(one.placed(0, 1)) for one in presses]
-            share = min(float(np.sqrt(np.sum(np.square(alone)))) / _information_of_base(images), 1.0)
+            alone = [information_of_parameter(one.placed(0, 1), _BASE) for one in presses]
+            share = share_left_of_model_error(alone, information_of_parameter(images, _BASE))
         direction = covariance[:, _BASE] / covariance[_BASE, _BASE]
         covariance = covariance + np.outer(direction, direction) * (MODULUS_RATIO_MODEL_STD * share) ** 2
     load = np.zeros(len(covariance))
@@ -312,8 +311,3 @@ def _prior_information(known: KnownPress, size: int) -> Float[Array, "all all"]:
     for index, deviation in deviations.items():
         information[index, index] = 1 / deviation**2
     return information
-
-
-def _information_of_base(images: Float[Array, "all all"]) -> float:
-    """Return what images alone say of the modulus of the base."""
-    return float(1 / max(np.linalg.pinv(images, hermitian=True)[_BASE, _BASE], 1e-30))

@@ -2,6 +2,7 @@
 observations is estimated from the residual itself.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,16 +74,19 @@ def model_error_share(jacobian: Float[Array, "rows parameters"], rows: list[slic
     """
     if len(rows) == 1:
         return 1.0
-    alone = [_base_information(jacobian[one][:, parameters_of_press(n)]) for n, one in enumerate(rows)]
-    joint = _base_information(jacobian[: rows[-1].stop])
+    alone = [jacobian[one][:, parameters_of_press(number)] for number, one in enumerate(rows)]
+    *each, joint = (information_of_parameter(one.T @ one, BASE_INDEX) for one in (*alone, jacobian[: rows[-1].stop]))
+    return share_left_of_model_error(each, joint)
+
+
+def share_left_of_model_error(alone: Sequence[float], joint: float) -> float:
+    """Return the share of the model's error that is left, from what each image alone and all together say of the base."""
     return float(min(np.sqrt(np.sum(np.square(alone))) / joint, 1.0))
 
 
-def _base_information(jacobian: Float[Array, "rows parameters"]) -> float:
-    """Return what images say of the modulus of the base when all other parameters are fitted, as the inverse of its variance for
-    residuals of one grey level."""
-    information = jacobian.T @ jacobian
-    return float(1 / max(np.linalg.pinv(information, hermitian=True)[BASE_INDEX, BASE_INDEX], 1e-30))
+def information_of_parameter(information: Float[Array, "n n"], index: int) -> float:
+    """Return what images say of one parameter when all others are fitted: the inverse of its variance."""
+    return float(1 / max(np.linalg.pinv(information, hermitian=True)[index, index], 1e-30))
 
 
 def effective_observation_count(residual: Float[Array, "rows cols"]) -> float:
