@@ -48,7 +48,7 @@ COMMANDS = {
     "train": "[train]",
     "model": "[train]",
     "estimate": "estimate:Estimate",
-    "adapt": "fit_force_scale:Adapt",
+    "adapt": "adapt:Adapt",
     "evaluate": "[datasets]",
     "hardware": "[hardware]",
     "camera-delay": "camera_delay:CameraDelayCommand",
