@@ -2,7 +2,7 @@
 
 import gc
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 # Two workers with two threads each hinder each other: the tests of calibration take half as long again. Libraries read this when
@@ -25,11 +25,12 @@ if not os.environ.get("JAXTYPING_DISABLE"):
     )
 
 import pytest  # noqa: E402 - the hook comes before anything that may import the package
+from filelock import FileLock  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 
 from ninedtact.calibration.procedure import Calibration, CalibrationImages, CalibrationSettings, calibrate  # noqa: E402
 from ninedtact.calibration.save import save_sensor  # noqa: E402
-from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor  # noqa: E402
 from ninedtact.capture.shared_video_capture import silence_video_libraries  # noqa: E402
 from ninedtact.capture.strict_image_reading import read_image  # noqa: E402
 from ninedtact.simulation.calibration_images import simulate_calibration_images  # noqa: E402
@@ -137,9 +138,9 @@ def calibrated_a(real_images: dict[str, CalibrationImages]) -> Calibration:
 
 
 @pytest.fixture(scope="session")
-def sensor_a(calibrated_a: Calibration, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+def sensor_a(real_images: dict[str, CalibrationImages], tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     """Sensor A as it was calibrated; a test that changes its folder copies it."""
-    return save_sensor(tmp_path_factory.mktemp("sensor_a") / "sensor", calibrated_a)
+    return _saved_once(tmp_path_factory, "sensor_a/sensor", lambda: calibrate(real_images["a"]))
 
 
 @pytest.fixture(scope="session")
@@ -158,5 +159,18 @@ def twin_sensor(calibrated_twin: Calibration, tmp_path_factory: pytest.TempPathF
 @pytest.fixture(scope="session")
 def physical_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     """The default twin calibrated by physics, so that it has a twin and an estimator; a test that changes its folder copies it."""
-    images = CalibrationImages(**vars(simulate_calibration_images(default_twin(), frames=4)))
-    return save_sensor(tmp_path_factory.mktemp("physical") / "my_sensor", calibrate(images, sensor_id="my_sensor"))
+
+    def calibrated() -> Calibration:
+        images = CalibrationImages(**vars(simulate_calibration_images(default_twin(), frames=4)))
+        return calibrate(images, sensor_id="my_sensor")
+
+    return _saved_once(tmp_path_factory, "physical/my_sensor", calibrated)
+
+
+def _saved_once(factory: pytest.TempPathFactory, name: str, calibrated: Callable[[], Calibration]) -> SensorFolder:
+    """Return a sensor that the first worker to ask for it calibrates and saves for all of them."""
+    runs_in_worker = "PYTEST_XDIST_WORKER" in os.environ
+    shared = factory.getbasetemp().parent if runs_in_worker else factory.getbasetemp()
+    path = shared / name
+    with FileLock(f"{shared / name.replace('/', '_')}.lock"):
+        return load_sensor(path) if path.exists() else save_sensor(path, calibrated())

@@ -109,7 +109,7 @@ def test_the_predicted_ball_is_what_is_drawn(change: np.ndarray) -> None:
 
 def test_contacts_are_kept_for_other_views(model: BallPressModel) -> None:
     model.contact(PRESS)
-    key = model.skin(PRESS), tuple(PRESS.poses())
+    key = model.skin(PRESS), tuple(PRESS.poses(model.step_mm))
     kept = model.cached_contacts[key]
     model.contact(replace(PRESS, saturation=1.0, point_spread_mm=0.3))
     assert model.cached_contacts[key] is kept

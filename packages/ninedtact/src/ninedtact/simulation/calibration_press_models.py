@@ -38,8 +38,8 @@ PIN_HEIGHT_MM = 1.5
 Field = Float32[Array, "rows cols"]
 Points = Float[Array, "n 2"]
 ParameterVector = Float[Array, " parameters"]
-_PRESS_STEP_MM = 0.5
-_DRAG_STEP_MM = 0.35
+_DRAG_STEP_SHARE = 0.7
+"""Longest step of a drag over that of a press."""
 _BOARD_MARGIN_MM = 5.0
 """Width of the skin beyond the outermost pins."""
 _BOARD_SOLVER_SETTINGS = SolverSettings(tolerance=1e-3, must_converge=False)
@@ -80,13 +80,13 @@ class BallPressParameters:
         """Displacement of the ball along the skin after the press."""
         return self.drag_x_mm, self.drag_y_mm
 
-    def poses(self) -> list[Pose]:
+    def poses(self, step_mm: float) -> list[Pose]:
         """Return the poses of the ball in its own frame: down in steps, then sideways in steps. Presses to different depths share
         their first steps, and presses that are dragged differently all steps down.
         """
         x, y = self.drag_mm
-        drag_steps = int(np.ceil(np.hypot(x, y) / _DRAG_STEP_MM))
-        depths_mm = [*np.arange(_PRESS_STEP_MM, self.depth_mm, _PRESS_STEP_MM).tolist(), self.depth_mm]
+        drag_steps = int(np.ceil(np.hypot(x, y) / (_DRAG_STEP_SHARE * step_mm)))
+        depths_mm = [*np.arange(step_mm, self.depth_mm, step_mm).tolist(), self.depth_mm]
         presses = [Pose(depth_mm=depth_mm) for depth_mm in depths_mm]
         drags = [Pose(x * n / drag_steps, y * n / drag_steps, self.depth_mm) for n in range(1, drag_steps + 1)]
         return [*presses, *drags]
@@ -94,6 +94,9 @@ class BallPressParameters:
 
 COARSE_PITCH_MM = 2 * PITCH_MM
 """Pitch at a quarter of the points, for the search from a distant start."""
+STEP_MM = 0.5
+COARSE_STEP_MM = 1.2
+"""Steps in which a ball goes down, in which friction acts; the coarse ones are for the search from a distant start."""
 _FRICTION = 1.0
 """Coefficient of friction of silicone on a clean surface; between 0.5 and 1 the fit hardly changes."""
 _BALL_SOLVER_SETTINGS = SolverSettings(tolerance=5e-4, must_converge=False)
@@ -106,6 +109,7 @@ class BallPressModel:
 
     design: SensorDesign
     pitch_mm: float = PITCH_MM
+    step_mm: float = STEP_MM
     indenter: Indenter | None = None
     """What is pressed; None for the design's ball."""
     initial_contacts: tuple[Contact, ...] = ()
@@ -124,7 +128,7 @@ class BallPressModel:
 
     def starting_from(self, press: BallPressParameters) -> "BallPressModel":
         """Return the same model with the contacts of this press as first guesses, which save iterations for similar presses."""
-        poses = press.poses()
+        poses = press.poses(self.step_mm)
         trajectories = [tuple(poses[: count + 1]) for count in range(len(poses))]
         skin = self.skin(press)
         contacts = tuple(self._contact_after(skin, trajectory) for trajectory in trajectories)
@@ -146,7 +150,7 @@ class BallPressModel:
         """Return the solved contact of the skin under this press at finite strain, with pressures in units of the gel's shear
         modulus; raises `InvalidPose` where nothing would be left of the gel.
         """
-        contact = correct_for_finite_strain(self._contact_after(self.skin(press), tuple(press.poses())))
+        contact = correct_for_finite_strain(self._contact_after(self.skin(press), tuple(press.poses(self.step_mm))))
         require_gel_left(contact.skin.gel, least_gel_mm(contact))
         return contact
 

@@ -47,6 +47,7 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.calibration_press_models import (
     COARSE_PITCH_MM,
+    COARSE_STEP_MM,
     BallPressModel,
     BallPressParameters,
     ParameterVector,
@@ -370,7 +371,8 @@ def _on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:
     """Return the problem with contacts on the coarse grid."""
     return JointPressProblem(
         tuple(
-            BallPressProblem(one.observed, BallPressModel(one.model.design, COARSE_PITCH_MM)) for one in problem.presses
+            BallPressProblem(one.observed, BallPressModel(one.model.design, COARSE_PITCH_MM, COARSE_STEP_MM))
+            for one in problem.presses
         )
     )
 
