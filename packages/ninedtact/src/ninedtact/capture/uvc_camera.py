@@ -336,7 +336,6 @@ def _device_path(device: int | str) -> Path:
 
 
 def _exposure_limits_ms(path: Path) -> tuple[float, float]:
-    """Return the shortest and the longest exposure that a device reports, or those of usual cameras."""
     if sys.platform != "linux":
         return _USUAL_EXPOSURE_MS
     request = bytearray(_CONTROL_BYTES)

@@ -78,7 +78,6 @@ def wrap_cdr_in_dds_type(message_type: str, cdr: bytes) -> Any:
 
 
 def _dds_field(node: Any) -> Any:
-    """Return the type of one field in the words of cyclonedds."""
     from cyclonedds.idl import types
     from rosbags.interfaces import Nodetype
 
@@ -179,12 +178,10 @@ def resolve_domain(domain: int | None) -> int:
 
 
 def _depth(path: str, profile: QosProfile) -> int:
-    """Return how many messages of a topic are kept."""
     return _STATUS_DEPTH if path.endswith(f"/{STATUS}") else _DEPTHS[profile]
 
 
 def _qos(profile: QosProfile, depth: int) -> Any:
-    """Return a quality of service in the words of cyclonedds."""
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.util import duration
 

@@ -68,7 +68,6 @@ class FoxgloveServer:
         """What was logged last, and its message."""
 
     def _channel(self, topic: str) -> foxglove.Channel:
-        """Return the channel of a topic with its schema."""
         if topic in self._json:
             encoding, schema = "json", _json_schema(topic, _JSON_PROPERTIES[topic])
         elif topic == LOG:
@@ -120,8 +119,6 @@ class FoxgloveServer:
         self.port = next(iter(front.sockets)).getsockname()[1]
 
     async def _connect(self, client: ServerConnection) -> None:
-        """Pass the messages of a client on to the server, and those of the server to the client, until one of them ends."""
-
         async def pass_to_server(server: ClientConnection) -> None:
             async for message in client:
                 await server.send(message)
@@ -262,7 +259,6 @@ _HEIGHTS_M = {"minValue": -0.002, "maxValue": 0.0005}
 
 
 def _plot(sensor: str, title: str, **labels: str) -> dict[str, Any]:
-    """Return a plot of vectors of the wrench, each named with its label for one axis."""
     series = [
         {"value": f"/{sensor}/wrench.{name}.{axis}", "label": label.format(axis), "enabled": True}
         for name, label in labels.items()

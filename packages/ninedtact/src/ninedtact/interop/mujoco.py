@@ -230,7 +230,6 @@ class TactileSensor(FrameSource):
         return _PressStep(solved, leader, tried[-1][0], stiffness)
 
     def _twin_with_friction(self, friction: float) -> Twin:
-        """Return the twin with the friction of the scene."""
         if friction not in self._twins:
             self._twins[friction] = replace(self.twin, friction=friction)
         return self._twins[friction]
@@ -312,7 +311,6 @@ def _pose_now(
 
 
 def _sideways(vector: Vector) -> Vector:
-    """Return the part of a vector along the skin."""
     return np.array([*vector[:2], 0.0])
 
 

@@ -133,7 +133,6 @@ class MujocoScene:
     def _contact_of(
         self, body: int, parts: list[tuple[Array, Array, float, float, int]], frame: Any, origin: Any
     ) -> BodyContact:
-        """Return the sum of one body's contacts."""
         sixes, places, frictions, overlaps, geoms = (np.array(column) for column in zip(*parts, strict=True))
         six, loads = sixes.sum(axis=0), np.maximum(-sixes[:, 2], 0.0) + 1e-9
         return BodyContact(
@@ -206,7 +205,6 @@ class MujocoScene:
         )
 
     def _triangles_mm(self, mesh: int) -> Float64[Array, "triangles 3 3"]:
-        """Return the triangles of a mesh of the scene in the frame of its geom."""
         if mesh not in self._meshes:
             vertex, face = self.model.mesh_vertadr[mesh], self.model.mesh_faceadr[mesh]
             vertices = self.model.mesh_vert[vertex : vertex + self.model.mesh_vertnum[mesh]].astype(float) * MM_PER_M

@@ -256,7 +256,6 @@ class ReadingServer:
         self.tcp_port = tcp.sockets[0].getsockname()[1]
 
     def _end_tcp(self, server: asyncio.Server) -> None:
-        """Close the TCP server and end its clients."""
         server.close()
         for task in self._tcp_tasks:
             task.cancel()
@@ -328,7 +327,6 @@ class ReadingServer:
                 writer.transport.abort()
 
     async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamedError:
-        """Return the request of a TCP client, or why it is refused."""
         try:
             async with asyncio.timeout(_REQUEST_S):
                 line = await reader.readline()

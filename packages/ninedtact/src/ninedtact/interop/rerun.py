@@ -204,7 +204,6 @@ class _StreamWriter:
 
 
 def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], None]) -> dict[str, int]:
-    """Log all readings, wrenches and warnings."""
     log.log_blueprint()
     wall_ns, readings = recording.metadata.wall_ns, 0
     stamps_ns: dict[int, int] = {}

@@ -124,7 +124,6 @@ class SensorOnRos2:
         self.published += 1
 
     def _publish_reference(self, reference: Rectified, wall_ns: int) -> None:
-        """Publish a new reference image for all who subscribe now or later."""
         if monotonic() - self._reference_at > _REFERENCE_S:
             self._reference, self._reference_at = reference, monotonic()
             self._writers[Topic.REFERENCE_GREY].write(self.messages.encode_reference(reference, wall_ns))

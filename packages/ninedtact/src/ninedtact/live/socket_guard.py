@@ -309,14 +309,12 @@ def hidden_loopback_address() -> str:
 
 
 def _is_loopback(host: str) -> bool:
-    """Return whether only this computer can reach a host."""
     with suppress(ValueError):
         return ip_address(host).is_loopback
     return host.lower() == "localhost"
 
 
 def _is_wildcard(host: str) -> bool:
-    """Return whether a host stands for all addresses of this computer."""
     with suppress(ValueError):
         return ip_address(host).is_unspecified
     return not host
@@ -336,7 +334,6 @@ def _outward_address(wildcard: str) -> str:
 
 
 def _bracket(host: str) -> str:
-    """Return a host as it stands in an address."""
     return f"[{host}]" if ":" in host else host
 
 
@@ -360,7 +357,6 @@ def _normalise_origin(origin: str) -> str:
 
 
 def _host_or_origin_refusal(header: str, got: list[str], remedy: str) -> str:
-    """Return the sentence about a header that names something else than the page."""
     return (
         f"expected {header} to name the page, got {ascii(', '.join(got))[:100]}; open the address that the program printed, "
         f"or start it with --allow-origin {remedy}"

@@ -133,7 +133,6 @@ class WrenchHistory:
         return WrenchSourceSnapshot(self.name, self.meaning, nearest, samples, now_ns, *state)
 
     def _first_shown(self, now_ns: int) -> int:
-        """Return the number of the first sample of the last seconds."""
         return bisect_left(self._samples, now_ns - HISTORY_S * NS_PER_S, key=_stamp_ns)
 
 

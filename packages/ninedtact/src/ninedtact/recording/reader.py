@@ -388,7 +388,6 @@ class RecordedReferences:
         return self._shape.depth_reader(*frames, find_faults=self._find_faults)
 
     def _frames_at(self, number: int) -> list[Frame]:
-        """Return all raw reference images that belong to one of them."""
         frames = [self.recording.frame(self._positions[number])]
         for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
             for other in numbers:

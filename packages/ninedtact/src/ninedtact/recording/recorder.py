@@ -159,7 +159,6 @@ def _new_recorder(
     notify: Callable[[str], None],
     beside: RecordingWriter | None = None,
 ) -> "Recorder":
-    """Return the recorder of one sensor, whose file and sources are still closed."""
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults

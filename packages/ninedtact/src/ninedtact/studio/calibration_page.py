@@ -83,11 +83,9 @@ class CalibrationPage:
 
     @property
     def _step_names(self) -> tuple[str, ...]:
-        """The steps of this calibration."""
         return (*_STEP_NAMES, *(_SECOND_BALL_STEP_NAMES if self._session.second_ball else ()), "fit")
 
     def _build_buttons(self) -> None:
-        """Add the buttons."""
         gui, session = self._server.viser.gui, self._session
         self._replace = gui.add_checkbox("replace the sensor", False, hint=f"{session.out} holds a calibrated sensor")
         self._second_ball = gui.add_checkbox(
@@ -113,7 +111,6 @@ class CalibrationPage:
         self._start_over.on_click(lambda event: session.start_over())
 
     def _build_presses(self, simulated: SimulatedCalibrationCamera) -> None:
-        """Add the controls that press the pin board and the ball on a simulated sensor."""
         gui = self._server.viser.gui
         self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "presses by itself")
         with self._presses.folder:
@@ -133,7 +130,6 @@ class CalibrationPage:
             slider.on_update(move)
 
     def _follow_presses(self, state: CalibrationState, simulated: SimulatedCalibrationCamera) -> None:
-        """Show what is held on the simulated sensor."""
         held, sliders = simulated.held, (self._depth, self._tilt_x, self._tilt_y)
         values = [round(value, 2) for value in (held.depth_mm, *held.tilt_deg)]
         is_pressed = state.phase not in (CalibrationPhase.FIT, CalibrationPhase.RESULT)
@@ -143,7 +139,6 @@ class CalibrationPage:
         self._held.content = _held_html(held, simulated.refusal)
 
     def _send_certificate(self, event: GuiEvent[Any]) -> None:
-        """Send the certificate to the browser that wants it, which may be a phone."""
         folder = self._session.state.result
         if folder is None or event.client is None:
             return
@@ -155,7 +150,6 @@ class CalibrationPage:
             event.client.send_file_download(f"{folder.id}_certificate.html", content, save_immediately=True)
 
     def _show_buttons(self, state: CalibrationState) -> None:
-        """Show the buttons that do something now."""
         phase, complete = state.phase, state.step == len(self._step_names) - 1
         can_fit = phase is CalibrationPhase.REFUSED and complete
         self._start.visible = phase is CalibrationPhase.PREVIEW
@@ -170,7 +164,6 @@ class CalibrationPage:
 
 
 def _instruction(state: CalibrationState) -> Instruction:
-    """Return what to do, and what the images say."""
     sentence, detail, tone = state.instruction, state.advice, "held"
     if state.phase is CalibrationPhase.REFUSED:
         sentence, tone = "This calibration is refused.", "lost"
@@ -181,7 +174,6 @@ def _instruction(state: CalibrationState) -> Instruction:
 
 
 def _figures_html(state: CalibrationState) -> str:
-    """Return brightness, sharpness and pins of the live image as HTML."""
     rows = {} if state.quality is None else live_image_quality_rows(state.quality)
     if state.pins is not None:
         rows["pins"] = f"{state.pins.found} of {state.pins.expected}"
@@ -191,7 +183,6 @@ def _figures_html(state: CalibrationState) -> str:
 
 
 def _certificate(state: CalibrationState) -> Certificate:
-    """Return the certificate of the result."""
     assert state.result is not None and state.result.record.certificate is not None
     return state.result.record.certificate
 
@@ -210,7 +201,6 @@ def calibration_result_html(state: CalibrationState, out: Path) -> str:
 
 
 def _held_html(held: HeldCalibrationObject, refusal: str) -> str:
-    """Return what is held on the simulated sensor, and why a press is refused, as HTML."""
     words = (
         "nothing touches"
         if held.gauge == "nothing"

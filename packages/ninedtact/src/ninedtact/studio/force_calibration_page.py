@@ -84,7 +84,6 @@ class ForceCalibrationPage:
                 self._follow_load(state, self._simulated)
 
     def _build_buttons(self) -> None:
-        """Add the load and the buttons."""
         gui, session = self._server.viser.gui, self._session
         self._load = gui.add_number("load (g)", session.loads_g[0], min=_LEAST_G, max=_MOST_G, step=1.0)
         self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
@@ -102,7 +101,6 @@ class ForceCalibrationPage:
         self._start_over.on_click(lambda event: session.start_over())
 
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
-        """Add the controls that load the ball on a simulated sensor."""
         gui = self._server.viser.gui
         self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "loads by itself")
         with self._loads.folder:
@@ -118,7 +116,6 @@ class ForceCalibrationPage:
         self._place.on_update(hold)
 
     def _follow_load(self, state: ForceCalibrationState, simulated: SimulatedCalibrationCamera) -> None:
-        """Show what rests on the simulated sensor."""
         held = simulated.held
         is_pressed = state.phase not in (ForceCalibrationPhase.PREVIEW, ForceCalibrationPhase.SAVED)
         weight = self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))
@@ -138,7 +135,6 @@ class ForceCalibrationPage:
             self._session.remove(self._named_press)
 
     def _instruction(self, state: ForceCalibrationState) -> Instruction:
-        """Return what to do, and what the images say."""
         detail, tone, phase = state.advice, "held", state.phase
         if phase is ForceCalibrationPhase.PREVIEW:
             sentence = ""
@@ -159,7 +155,6 @@ class ForceCalibrationPage:
         return Instruction(sentence, detail, tone, _HOW if phase is ForceCalibrationPhase.PRESS else "")
 
     def _show_buttons(self, state: ForceCalibrationState) -> None:
-        """Show the controls that do something now."""
         phase, doubtful = state.phase, state.scale.doubtful
         self._start.visible = phase is ForceCalibrationPhase.PREVIEW
         self._start.disabled = bool(state.camera_trouble) or state.image is None
@@ -222,7 +217,6 @@ def _press_cells(number: int, press: TakenPress, scale: LoadScaleSoFar) -> tuple
 
 
 def _fit_rows(fit: KnownLoadFit) -> dict[str, str]:
-    """Return the gel, or the factor, and its errors, as the command prints them."""
     base = {"gel over base": f"{fit.ratio:.3f} ± {fit.ratio_std:.3f}"} if fit.ratio_std > 0 else {}
     return {
         "true over assumed modulus": f"{fit.factor:.3f} ± {fit.factor * fit.modulus_std:.3f}",

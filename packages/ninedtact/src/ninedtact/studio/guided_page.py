@@ -115,7 +115,6 @@ class GuidedPageLayout:
                 handle.image = self._canvas
 
     def _forget(self, client: ClientHandle) -> None:
-        """Forget the image of a browser that has left."""
         self._images.pop(client.client_id, None)
 
     def _add_image(self, client: ClientHandle) -> None:
@@ -186,7 +185,6 @@ class _CameraChoiceControls:
         )
 
     def _present_labels(self) -> dict[str, str]:
-        """Return what the menu says of each camera, by its address."""
         cameras = self._list_cameras()
         return {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
 
@@ -199,7 +197,6 @@ class _CameraChoiceControls:
             self._camera.options = shown
 
     def _choose_camera(self, event: GuiEvent[Any]) -> None:
-        """Show the chosen camera."""
         if is_user_event(event):
             addresses = {label: address for address, label in self._labels.items()}
             self._session.choose_source(addresses[self._camera.value])
@@ -211,7 +208,6 @@ class _CameraChoiceControls:
             attempt(event.client, lambda: self._session.set_exposure(wanted_ms))
 
     def _brighten(self, event: GuiEvent[Any]) -> None:
-        """Change the exposure by a factor, within its limits."""
         limits = self._limits
         if limits is not None:
             wanted_ms = limits.now_ms * _BRIGHTER[self._brighter.value]

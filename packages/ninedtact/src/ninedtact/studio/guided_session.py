@@ -221,7 +221,6 @@ class GuidedSession(ABC, Generic[State]):
             self._set(exposure=self.camera.exposure)
 
     def _set(self, **changes: object) -> None:
-        """Change fields of the state."""
         with self._changed:
             self._state = replace(self._state, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()

@@ -89,7 +89,6 @@ def _warning_sentence(reading: Reading) -> str:
 
 
 def _format_duration(ms: float) -> str:
-    """Return a duration in suitable units."""
     return f"{ms:.0f} ms" if ms < 1000 else f"{ms / 1000:.1f} s" if ms < 60_000 else f"{ms / 60_000:.0f} min"
 
 

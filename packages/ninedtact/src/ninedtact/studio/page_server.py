@@ -125,7 +125,6 @@ class PageServer:
         return await asyncio.to_thread(fetch)
 
     async def _connect(self, browser: GuardedConnection) -> None:
-        """Pass the messages of one browser on to viser, and those of viser to the browser, until one of them ends."""
         if browser.subprotocol != _VISER_PROTOCOL:
             got = (browser.subprotocol or "unknown").removeprefix("viser-v")[:20]
             expected = f"expected a page of viser {viser.__version__}, got {got}; load it again"

@@ -168,12 +168,10 @@ class TwinPressController:
         return f"{mesh.relief.name}: {size} mm, {mesh.triangles} triangles{cropped}"
 
     def _take(self) -> None:
-        """Take the chosen object into the hand."""
         self.simulation.hand.take(self._find_object(self._state))
         self._state = replace(self._state, is_playing=False)
 
     def _find_object(self, state: HandPressState) -> Indenter:
-        """Return the chosen object."""
         if state.kind != OWN_KIND:
             return indenter_from_name(state.object_name)
         if self._own_mesh is None:

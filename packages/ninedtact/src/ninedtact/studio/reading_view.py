@@ -234,7 +234,6 @@ class ReadingView:
         return HeightProfile(part * float(np.hypot(x[-1] - x[0], y[-1] - y[0])), z_mm, true_mm, points)
 
     def _draw(self, key: Any, draw: Callable[[], T]) -> T:
-        """Return what was drawn under a key, drawn now if it was not."""
         if key not in self._drawn:
             self._drawn[key] = draw()
         return cast("T", self._drawn[key])
@@ -251,7 +250,6 @@ class ReadingView:
         return _darken(image) if self.is_past else image
 
     def _full_image(self, kind: ImageKind, source: ShownTraction) -> Image:
-        """Return an image in full brightness, without the edge of the contact."""
         if kind is ImageKind.CAMERA:
             return self.reading.frame.image
         if kind is ImageKind.HEIGHT:
@@ -315,7 +313,6 @@ def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, 
 
 
 def _true_heights_at(press: Press, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the heights of the simulated skin at positions."""
     contact = press.corrected
     at = grid_indices_at_positions(
         contact.skin.grid, contact.centre_mm, x_mm[None].astype(np.float32), y_mm[None].astype(np.float32)

@@ -359,7 +359,6 @@ class RecordingPlayer:
             self._is_playing, self.number, self._at_s = False, number, float(self._times_s[number])
 
     def _advance(self) -> None:
-        """Let the time that has passed go by, at the chosen speed."""
         now = monotonic()
         if self._is_playing:
             self._at_s = min(self._at_s + (now - self._ticked_at) * self.speed, self.duration_s)

@@ -198,7 +198,6 @@ class RecordingsPanel:
         self._recorded.content = recorder_html(state)
 
     def _list_recordings(self, state: RecorderState) -> None:
-        """Offer the recordings of the folder, newest first, without the one that is being written."""
         paths = sorted(self._out.glob("*.mcap"), reverse=True) if self._out.is_dir() else []
         names = (NOTHING, *(path.name for path in paths if not state.is_running or path != state.path))
         if names != self._choice.options:
@@ -228,7 +227,6 @@ class RecordingsPanel:
         self._show_controls()
 
     def _close(self) -> None:
-        """Show the sensor again."""
         self._player, self._opened_name = None, NOTHING
         self._viewer.play(None)
         self._show_controls()
@@ -310,7 +308,6 @@ class RecordingsPanel:
         self._marked.content = card_html("lines", texts=["marked: {:.2f} to {:.2f} s".format(*self._marks_s)])
 
     def _export(self, export: "Export", event: GuiEvent[Any]) -> None:
-        """Write into a new file or folder, one export at a time, and offer a file to the browser too."""
         result = ""
         with self._viewer.notify_refusal("Not exported"):
             with self._quota.one_export():
@@ -370,7 +367,6 @@ class RecordingsPanel:
 
     @contextmanager
     def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
-        """Give the readings of the chosen label, or all, and say how many have been asked for."""
         readings, numbers = self._chosen_sensor.readings_within(self._chosen_span())
         with readings:
             if not numbers:
@@ -399,6 +395,5 @@ def _file_name(path: Path) -> str:
 
 
 def _span_name(player: RecordingPlayer, span: LabelledSpan) -> str:
-    """Return a label with its times."""
     begin_s, end_s = player.span_s(span)
     return f"{span.label}: {begin_s:.2f} to {end_s:.2f} s"

@@ -159,7 +159,6 @@ def moment_json_dict(reading: Reading, status: str, wrenches: Iterable[WrenchSou
 
 
 def _finite_numbers(values: Float64[Array, " n"]) -> list[float | None]:
-    """Return the numbers for JSON, which has no word for those that are not finite."""
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
@@ -219,7 +218,6 @@ def _require_images(video: Path, count: int, final: Path) -> None:
 
 
 def _draw_picture(reading: Reading, scale: ColourScale, at_s: float) -> UInt8[Array, "rows cols 3"]:
-    """Return camera image and coloured heights side by side, over the time and what is measured."""
     image, heights = reading.frame.image, colourise_heights(reading.height, scale)
     rows = image.shape[0]
     heights = cv2.resize(heights, (round(heights.shape[1] * rows / heights.shape[0]), rows))

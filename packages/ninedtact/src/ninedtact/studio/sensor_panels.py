@@ -148,7 +148,6 @@ class ReferenceAndRatesPanel:
 
 
 def _format_rates(moment: SensorMoment) -> dict[str, str]:
-    """Return the rates from camera to browser."""
     dropped = moment.reading.dropped if moment.reading else 0
     return {
         "camera": f"{moment.snapshot.delivered_hz:.1f} images/s",

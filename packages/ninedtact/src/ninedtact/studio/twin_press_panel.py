@@ -128,7 +128,6 @@ class TwinPressPanel:
         self._handle.on_update(self._follow_drag)
 
     def _show_handle(self, state: HandPressState, moment: SensorMoment) -> None:
-        """Put the handle where the object is held, unless this viewer is dragging it."""
         press = None if moment.view is None else moment.view.press
         pose = press.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
         x, y, z = (float(part) for part in pose.origin_mm + np.array(self._place_mm))
@@ -153,7 +152,6 @@ class TwinPressPanel:
                 self._dragged_to = moved | twist_and_tilts_deg(rotation)
 
     def _follow_drag(self, event: TransformControlsEvent) -> None:
-        """Move the object to where the handle was dragged last."""
         with self._moving:
             moved = self._dragged_to
             try:
@@ -165,11 +163,9 @@ class TwinPressPanel:
 
     @property
     def _place_mm(self) -> tuple[float, float, float]:
-        """The middle of the twin that the controls follow, in the scene."""
         return self._viewer.arrangement.places_mm[0]
 
     def _choose_mode(self, event: GuiEvent[Any]) -> None:
-        """Let the sequence play, or hold the object to a depth or under a load."""
         if not is_user_event(event):
             return
         for control in self._pressed:
@@ -195,7 +191,6 @@ class TwinPressPanel:
             self._viewer.notify("Not taken", str(trouble), "red")
 
     def _move(self, name: str, event: GuiEvent[Any]) -> None:
-        """Hold the object where a slider is."""
         if not is_user_event(event):
             return
         by_load = {"depth_mm": {"by_load": False}, "load_n": {"by_load": True}}.get(name, {})
@@ -203,7 +198,6 @@ class TwinPressPanel:
             control.move(**{name: float(event.target.value)}, **by_load)
 
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
-        """Press one's own mesh, or say in one sentence why it cannot be."""
         unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
         placement = MeshPlacement(unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FIT_MM if unit == FIT else None)
         try:
@@ -232,7 +226,6 @@ class TwinPressPanel:
 
 
 def _mode_of(state: HandPressState) -> str:
-    """Return how the object is moved, as the menu names it."""
     return _SEQUENCE if state.is_playing else _BY_LOAD if state.by_load else _BY_DEPTH
 
 

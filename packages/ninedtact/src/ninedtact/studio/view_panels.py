@@ -75,7 +75,6 @@ class ImagesPanel:
             legend.content = _legend_html(views[0], kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
-        """Show another image in one of both places."""
         if is_user_event(event):
             first, second = self._viewer.options.images
             kind = ImageKind(event.target.value)
@@ -143,7 +142,6 @@ class ScenePanel:
             camera.position, camera.look_at = arrangement.camera_mm, arrangement.target_mm
 
     def _draw(self, number: int, moment: SensorMoment) -> None:
-        """Draw one sensor."""
         view, options, scene = moment.view, self._viewer.options, self._scenes[number]
         if view is None:
             return
@@ -217,12 +215,10 @@ class ProfilePanel:
         self._text.content = profile_summary_html(profile)
 
     def _choose_line(self, event: GuiEvent[Any]) -> None:
-        """Move one end of the line."""
         if is_user_event(event):
             self._show_line()
 
     def _show_line(self) -> None:
-        """Show the chosen line in 3D too, as the control then says."""
         self._shown.value = True
         self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
@@ -255,7 +251,6 @@ class ProfilePanel:
 
 
 def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source: ShownTraction) -> str:
-    """Return the meaning of the colours of an image as HTML."""
     if kind is ImageKind.HEIGHT:
         return height_legend_html(scale)
     if kind is ImageKind.STICKING:

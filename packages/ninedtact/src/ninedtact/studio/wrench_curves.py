@@ -154,7 +154,6 @@ class WrenchAndCurvesPanel:
 
 
 def _describe_lines(sources: Sequence[WrenchHistory]) -> str:
-    """Return how the curves of each source are drawn."""
     solid = "solid, with a band of one standard deviation"
     dashed = "dashed" if len(sources) > 1 else "solid"
     return "; ".join(f"{source.name}: {solid if source.states_errors else dashed}" for source in sources)
