@@ -7,19 +7,10 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from threading import Condition, Event, Lock, Thread
-from types import TracebackType
-from typing import NamedTuple
 
 from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceEnded, SourceIncomplete, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
-
-
-class Arrival(NamedTuple):
-    """The stamp and the index of a frame that a source has delivered."""
-
-    stamp_ns: int
-    frame_index: int
 
 
 class NoRecentFrame(CameraError):
@@ -41,13 +32,12 @@ class LatestFrameSource(FrameSourceWrapper):
         super().__init__(source)
         self.dropped = 0
         """Frames that were too old or replaced by a newer one before anybody read them."""
-        self.newest_arrival: Arrival | None = None
+        self.newest_frame: Frame | None = None
         """The newest frame of the source, read or not, also one that is too old to be read; None before the first."""
         self._max_age_ms, self._timeout_ms = max_age_ms, timeout_ms
         self._changed = Condition()
         self._unread: Frame | None = None
         self._error: BaseException | None = None
-        self._error_origin: TracebackType | None = None
         self._closing = Event()
         self._thread: Thread | None = None
 
@@ -56,7 +46,7 @@ class LatestFrameSource(FrameSourceWrapper):
         if self._thread is not None:
             return
         self._source.open()
-        self.dropped, self._unread, self._error, self.newest_arrival = 0, None, None, None
+        self.dropped, self._unread, self._error, self.newest_frame = 0, None, None, None
         self._closing = Event()
         self._thread = Thread(target=self._fetch, name=f"fetch {self.name}", daemon=True)
         self._thread.start()
@@ -69,7 +59,7 @@ class LatestFrameSource(FrameSourceWrapper):
         with self._changed:
             while (frame := self._take_recent()) is None:
                 if self._error is not None:
-                    raise self._error.with_traceback(self._error_origin)
+                    raise self._error.with_traceback(None)
                 if time.monotonic() >= give_up_at:
                     raise self._no_recent_frame(self.dropped - dropped_before)
                 self._changed.wait(give_up_at - time.monotonic())
@@ -113,13 +103,13 @@ class LatestFrameSource(FrameSourceWrapper):
                 frame = self._source.read()
                 with self._changed:
                     self.dropped += self._unread is not None
-                    self._unread, self.newest_arrival = frame, Arrival(frame.stamp_ns, frame.index)
+                    self._unread = self.newest_frame = frame
                     self._changed.notify_all()
                 due_at = max(due_at + period_s, time.monotonic() - period_s)
         except BaseException as error:  # handed to the thread that reads
             end = end if self._closing.is_set() else error
         with self._changed:
-            self._error, self._error_origin = end, end.__traceback__
+            self._error = end
             self._changed.notify_all()
 
 

@@ -38,8 +38,6 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
         retry_ms: float = 500.0,
     ) -> None:
         super().__init__(source)
-        self.losses = 0
-        """How often the device was lost since the source was opened."""
         self._on_lost, self._on_back = on_lost, on_back
         self._retry_s = retry_ms / 1000
         self._closing, self._opening = Event(), Lock()
@@ -53,7 +51,7 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
             self._closing.clear()
             self._source.open()
             self._is_open = True
-            self._start_counting()
+            self._first_index = self._next_index = 0
 
     def close(self) -> None:
         """Close the source, and end a wait for the device."""
@@ -62,14 +60,10 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
             self._is_open = False
             self._source.close()
 
-    def _start_counting(self) -> None:
-        self.losses = 0
-
     def _wait_until_back(self, loss: Loss) -> None:
         """Report the loss and return when the device is open again; raises `SourceNotOpen` when closed meanwhile."""
         if self._closing.is_set():
             raise SourceNotOpen(self.name)
-        self.losses += 1
         self._on_lost(loss)
         self._source.close()
         while not self._try_to_open():
@@ -93,10 +87,6 @@ class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], Fram
     """Reads another source and reopens it after `CameraLost`; meanwhile `read` waits, so put `LatestFrameSource` around it."""
 
     _absence = CameraError
-
-    def _start_counting(self) -> None:
-        super()._start_counting()
-        self._first_index = self._next_index = 0
 
     def read(self) -> Frame:
         """Wait for the next frame, however long the camera is away; indices continue over the gap."""

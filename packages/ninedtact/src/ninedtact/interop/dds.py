@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass as idl_dataclass
 from functools import cache
 from socket import if_nameindex
-from types import TracebackType, new_class
+from types import new_class
 from typing import Any
 
 from ninedtact.errors import DeviceError, InputError
@@ -131,7 +131,7 @@ class DdsParticipant:
             ) from error
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._participant, self._configured = None, None
 
     def writer(self, path: str, message_type: str, profile: QosProfile) -> "DdsWriter":

@@ -13,7 +13,6 @@ front before it passes on what the guard of the live page accepts (`live.socket_
 import json
 from collections.abc import Callable
 from time import monotonic_ns
-from types import TracebackType
 from typing import Any
 
 import foxglove
@@ -101,7 +100,7 @@ class FoxgloveServer:
             raise
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._thread.close()
         self._server.stop()
 
@@ -111,7 +110,6 @@ class FoxgloveServer:
                 self._connect,
                 self.guard.host,
                 self.port,
-                is_expected=lambda message: isinstance(message, str),
                 subprotocols=SUBPROTOCOLS,
                 compression=None,  # which takes longer than sending
             )
@@ -121,7 +119,8 @@ class FoxgloveServer:
     async def _connect(self, client: ServerConnection) -> None:
         async def pass_to_server(server: ClientConnection) -> None:
             async for message in client:
-                await server.send(message)
+                if isinstance(message, str):
+                    await server.send(message)
 
         await relay(client, f"ws://{self._host}:{self._server.port}", SUBPROTOCOLS[0], pass_to_server)
 

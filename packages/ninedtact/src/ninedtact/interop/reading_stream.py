@@ -16,7 +16,6 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import cached_property, partial
 from time import monotonic_ns
-from types import TracebackType
 from typing import Any, Literal, cast, get_args
 from urllib.parse import parse_qs, urlsplit
 
@@ -239,15 +238,13 @@ class ReadingServer:
         self._thread.start(self._listen())
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._thread.close()
 
     async def _listen(self) -> None:
         host, servers = self.guard.host, self._thread.servers
         with port_errors(host, self.port, "readings"):
-            guarded = self.guard.serve(
-                self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request
-            )
+            guarded = self.guard.serve(self._feed_websocket, host, self.port, _answer_request)
             websocket = await servers.enter_async_context(guarded)
         with port_errors(host, self.tcp_port, "readings", "--tcp-port"):
             tcp = await asyncio.start_server(self._feed_tcp, host, self.tcp_port, limit=_REQUEST_BYTES)

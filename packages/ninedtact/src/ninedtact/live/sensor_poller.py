@@ -8,8 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from threading import Event, Lock, Thread
-from types import TracebackType
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -29,23 +27,17 @@ RATE_OVER_S = 2.0
 """Time over which rates are measured: long enough for a steady rate, short enough to show a camera that slows down."""
 
 
-class _Tick(NamedTuple):
-    """An event with its time; `number` counts all events from the first."""
-
-    at_ns: int
-    number: int
-
-
 class RateMeter:
     """Measures the events per second over the last two seconds."""
 
     def __init__(self) -> None:
-        self._ticks: deque[_Tick] = deque()
+        self._ticks: deque[tuple[int, int]] = deque()
+        """Time and number of each event; the number counts all events from the first."""
 
     def tick(self, at_ns: int, number: int) -> None:
         """Add an event, unless it has been added; numbers may skip events that were not seen."""
-        if not self._ticks or number > self._ticks[-1].number:
-            self._ticks.append(_Tick(at_ns, number))
+        if not self._ticks or number > self._ticks[-1][1]:
+            self._ticks.append((at_ns, number))
         self._forget(at_ns)
 
     def hz(self, now_ns: int) -> float:
@@ -53,11 +45,11 @@ class RateMeter:
         self._forget(now_ns)
         if len(self._ticks) < 2:
             return 0.0
-        first, last = self._ticks[0], self._ticks[-1]
-        return (last.number - first.number) / max((last.at_ns - first.at_ns) / NS_PER_S, 1e-9)
+        (first_ns, first), (last_ns, last) = self._ticks[0], self._ticks[-1]
+        return (last - first) / max((last_ns - first_ns) / NS_PER_S, 1e-9)
 
     def _forget(self, now_ns: int) -> None:
-        while self._ticks and now_ns - self._ticks[0].at_ns > RATE_OVER_S * NS_PER_S:
+        while self._ticks and now_ns - self._ticks[0][0] > RATE_OVER_S * NS_PER_S:
             self._ticks.popleft()
 
 
@@ -130,10 +122,10 @@ class SensorPoller:
     def snapshot(self, now_ns: int) -> SensorSnapshot:
         """Return the newest state; never waits for the sensor."""
         source = self.sensor.source
-        arrival = source.newest_arrival if isinstance(source, LatestFrameSource) else None
+        arrival = source.newest_frame if isinstance(source, LatestFrameSource) else None
         with self._lock:
             if arrival is not None:  # on a slow computer, readings are too rare to count by
-                self._delivered.tick(*arrival)
+                self._delivered.tick(arrival.stamp_ns, arrival.index)
             until_ns = self._heard_ns if self._phase is SensorPhase.ENDED else now_ns
             return SensorSnapshot(
                 self._phase,
@@ -168,9 +160,7 @@ class SensorPoller:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.set()
         self.sensor.close()
         self._thread.join()
@@ -198,9 +188,8 @@ class SensorPoller:
                 self._take_reference()
             self._keep(self.sensor.read())
         except NoRecentFrame as trouble:
-            self._note(
-                self._phase, trouble
-            )  # `heard_ns` says since when, `arrived_ns` whether the computer is too slow
+            # `heard_ns` says since when, `arrived_ns` whether the computer is too slow.
+            self._note(self._phase, trouble)
         except ReferenceUnusable as refusal:
             self._note(SensorPhase.REFERENCE, refusal)
 

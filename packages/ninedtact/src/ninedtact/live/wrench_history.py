@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Event, Lock, Thread
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Float64
@@ -161,9 +160,7 @@ class WrenchPoller:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.set()
         self.source.close()
         self._thread.join()

@@ -47,6 +47,7 @@ _INTRODUCED_WITHIN_S = 10.0
 _FETCHED_WITHIN_S = 30.0
 _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """What a page of this version of viser states when it connects."""
+_DROPPED = "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently"
 _PASSED_ON = ("Content-Type", "Content-Encoding")
 
 
@@ -101,8 +102,7 @@ class PageServer:
             self._connect,
             host,
             port,
-            is_expected=lambda message: decode_page_message(message) is not None,
-            process_request=self._fetch,
+            self._fetch,
             compression=None,  # viser compresses by itself
             select_subprotocol=_select_viser_protocol,
         )
@@ -135,11 +135,15 @@ class PageServer:
         await relay(browser, address, _VISER_PROTOCOL, partial(self._pass_to_page, browser))
 
     async def _pass_to_page(self, browser: GuardedConnection, page: ClientConnection) -> None:
-        uploads, client_id = UploadTest(), None
+        uploads, client_id, has_dropped = UploadTest(), None, False
         try:
             async for message in browser:
                 content = decode_page_message(message)
-                if client_id is None and isinstance(content, CameraMessage):
+                if content is None:
+                    if not has_dropped:
+                        browser.logger.warning(_DROPPED, len(message), format_peer(browser))
+                    has_dropped = True
+                elif client_id is None and isinstance(content, CameraMessage):
                     client_id = await self._introduce(page, message)
                     self._browsers[client_id] = browser
                 elif uploads.accepts(content):

@@ -15,7 +15,6 @@ from operator import or_
 from pathlib import Path
 from threading import Event, RLock, Thread
 from time import monotonic
-from types import TracebackType
 
 import cv2
 import numpy as np
@@ -106,7 +105,7 @@ class RecordedReadings:
     def __enter__(self) -> "RecordedReadings":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
