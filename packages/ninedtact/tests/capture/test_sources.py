@@ -102,7 +102,7 @@ def reconnecting(source: FrameSource) -> FrameSource:
 
 
 def patient(source: FrameSource) -> FrameSource:
-    return LatestFrameSource(source, max_age_ms=20_000.0, timeout_ms=20_000.0)
+    return LatestFrameSource(LivePlayback(source), max_age_ms=20_000.0, timeout_ms=20_000.0)
 
 
 FAMILY: dict[str, Callable[[Bench], FrameSource]] = {
@@ -304,7 +304,9 @@ def test_a_driver_that_hangs_is_told_once(tmp_path: Path) -> None:
     told: list[str] = []
     began = time.monotonic()
     with RecordingWriter(tmp_path / "hung.mcap", RecordingMetadata("hung")) as episode:
-        Recorder(episode, Hanging(), notify=told.append, stall_s=0.3).run(lambda: time.monotonic() - began > 1.0)
+        recorder = Recorder(episode, Hanging(), notify=told.append, stall_s=0.3)
+        with recorder.opened():
+            recorder.write(lambda: time.monotonic() - began > 1.0)
     assert told == ["nothing has arrived from a camera that hangs for 0.3 s; check it and its cable"]
 
 
@@ -327,7 +329,6 @@ def written_video(path: Path, codec: str, size: tuple[int, int] = (64, 48)) -> b
 
 
 def zeroed(content: bytes, share: float, count: int) -> bytes:
-    """Overwrite some bytes in the middle with zeros."""
     start = int(share * len(content))
     return content[:start] + bytes(count) + content[start + count :]
 

@@ -21,8 +21,7 @@ class LatestFrameSource(FrameSourceWrapper):
     """Reads another source in the background and returns its newest frame, so that a slow reader lags by one frame at most.
 
     Each frame is returned at most once and none older than `max_age_ms`; frames that nobody read are counted as dropped.
-    A recording plays at its `recorded_hz` and a slow reader misses frames of it, as it would of a camera; read the
-    recording itself to get every one. An error of the source is raised to the reader, after the last recent frame.
+    An error of the source is raised to the reader, after the last recent frame. A recording should be paced (`LivePlayback`).
 
         with LatestFrameSource(camera_or_file_source("0")) as camera:
             frame = camera.read()
@@ -84,7 +83,7 @@ class LatestFrameSource(FrameSourceWrapper):
         return NoRecentFrame(
             expected=f"a new image from {self.name}",
             got=f"{got} within {self._timeout_ms / 1000:g} s",
-            remedy=f"{remedy}",
+            remedy=remedy,
         )
 
     def _take_recent(self) -> Frame | None:
@@ -96,16 +95,13 @@ class LatestFrameSource(FrameSourceWrapper):
 
     def _fetch(self) -> None:
         end: BaseException = SourceNotOpen(self.name)
-        period_s = 1 / self._source.recorded_hz if self._source.recorded_hz else 0.0
-        due_at = time.monotonic()
         try:
-            while not self._closing.wait(due_at - time.monotonic()):
+            while not self._closing.is_set():
                 frame = self._source.read()
                 with self._changed:
                     self.dropped += self._unread is not None
                     self._unread = self.newest_frame = frame
                     self._changed.notify_all()
-                due_at = max(due_at + period_s, time.monotonic() - period_s)
         except BaseException as error:  # handed to the thread that reads
             end = end if self._closing.is_set() else error
         with self._changed:

@@ -138,15 +138,14 @@ class DdsParticipant:
         """Return a writer on a topic of ROS 2."""
         from cyclonedds.pub import DataWriter
 
-        qos = _qos(profile, _depth(path, profile))
-        return DdsWriter(DataWriter(self._participant, self._topic(path, message_type), qos), message_type)
+        topic = self._topic(path, message_type)
+        return DdsWriter(DataWriter(self._participant, topic, _qos(path, profile)), message_type)
 
     def reader(self, path: str, message_type: str, profile: QosProfile) -> "DdsReader":
         """Return a reader of a topic of ROS 2."""
         from cyclonedds.sub import DataReader
 
-        qos = _qos(profile, _depth(path, profile))
-        return DdsReader(DataReader(self._participant, self._topic(path, message_type), qos))
+        return DdsReader(DataReader(self._participant, self._topic(path, message_type), _qos(path, profile)))
 
     def _topic(self, path: str, message_type: str) -> Any:
         from cyclonedds.topic import Topic as DdsTopic
@@ -177,14 +176,12 @@ def resolve_domain(domain: int | None) -> int:
     return int(text)
 
 
-def _depth(path: str, profile: QosProfile) -> int:
-    return _STATUS_DEPTH if path.endswith(f"/{STATUS}") else _DEPTHS[profile]
-
-
-def _qos(profile: QosProfile, depth: int) -> Any:
+def _qos(path: str, profile: QosProfile) -> Any:
+    """Return the quality of service of a topic in the words of cyclonedds."""
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.util import duration
 
+    depth = _STATUS_DEPTH if path.endswith(f"/{STATUS}") else _DEPTHS[profile]
     is_best_effort = profile is QosProfile.SENSOR_DATA
     reliable = Policy.Reliability.Reliable(duration(milliseconds=_LONGEST_WRITE_MS))
     history, unlimited = Policy.History.KeepLast(depth), -1

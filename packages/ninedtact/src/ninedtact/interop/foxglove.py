@@ -108,7 +108,6 @@ class FoxgloveServer:
         with port_errors(self.guard.host, self.port, "readings"):
             guarded = self.guard.serve(
                 self._connect,
-                self.guard.host,
                 self.port,
                 subprotocols=SUBPROTOCOLS,
                 compression=None,  # which takes longer than sending

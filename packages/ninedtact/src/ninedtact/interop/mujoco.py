@@ -127,6 +127,8 @@ class TactileSensor(FrameSource):
     is_open: bool = field(default=False, init=False)
     _press_before: _PressStep | None = field(default=None, init=False, repr=False)
     _frames: int = field(default=0, init=False)
+    _twins: dict[float, Twin] = field(default_factory=dict, init=False, repr=False)
+    """Twins by friction, because each prepares its skin once."""
     _scene_wrench: Wrench = field(default_factory=lambda: Wrench(np.zeros(3), np.zeros(3)), init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -233,11 +235,6 @@ class TactileSensor(FrameSource):
         if friction not in self._twins:
             self._twins[friction] = replace(self.twin, friction=friction)
         return self._twins[friction]
-
-    @cached_property
-    def _twins(self) -> dict[float, Twin]:
-        """Twins by friction, because each prepares its skin once."""
-        return {}
 
     def _require_depth_within_gel(self, touching: list[BodyContact]) -> None:
         """Refuse bodies that overlap the gel by more than its thickness; raises `SimulationError`."""

@@ -244,7 +244,7 @@ class ReadingServer:
     async def _listen(self) -> None:
         host, servers = self.guard.host, self._thread.servers
         with port_errors(host, self.port, "readings"):
-            guarded = self.guard.serve(self._feed_websocket, host, self.port, _answer_request)
+            guarded = self.guard.serve(self._feed_websocket, self.port, _answer_request)
             websocket = await servers.enter_async_context(guarded)
         with port_errors(host, self.tcp_port, "readings", "--tcp-port"):
             tcp = await asyncio.start_server(self._feed_tcp, host, self.tcp_port, limit=_REQUEST_BYTES)

@@ -18,8 +18,8 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
-from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
-from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
+from ninedtact.recording.recorder import new_sensor_writer, notify_partial_recording
+from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 
 _WAITING_READINGS = 48
@@ -134,8 +134,10 @@ class ReadingRecorder:
         writers: list[RecordingWriter] = []
         for one in self.sensors:
             said = replace(first, name=one.name, source=one.source, force_torque=one.force_torque)
-            kinds, beside = (bool(one.force_torque), one.has_estimates), writers[0] if writers else None
-            writers.append(new_reading_writer(path, one.sensor, said, *kinds, self._topics, beside))
+            topics = {Topic.IMAGES, Topic.REFERENCE_GREY, *self._topics}
+            topics |= {Topic.MEASURED} if one.force_torque else set()
+            topics |= ESTIMATE_TOPICS if one.has_estimates else set()
+            writers.append(new_sensor_writer(path, one.sensor, said, topics, beside=next(iter(writers), None)))
         return writers
 
 

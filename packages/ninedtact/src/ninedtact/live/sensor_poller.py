@@ -116,7 +116,9 @@ class SensorPoller:
         self._history, self._delivered, self._read = np.zeros((2, 0)), RateMeter(), RateMeter()
         """history: stamps in ns and maximum indentations in mm of the readings of the last `HISTORY_S` seconds."""
         self._lock = Lock()
-        self._closing, self._reference_wanted, self._changed = Event(), Event(), Event()
+        self._closing, self._reference_wanted = Event(), Event()
+        self.changed = Event()
+        """Set with every reading and state; whoever waits for several sensors shares one between them."""
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
 
     def snapshot(self, now_ns: int) -> SensorSnapshot:
@@ -141,12 +143,8 @@ class SensorPoller:
 
     def wait_for_change(self, timeout_s: float) -> None:
         """Wait for the next reading or state, or until the time is over; for one waiting thread."""
-        self._changed.wait(timeout_s)
-        self._changed.clear()
-
-    def notify(self, changed: Event) -> None:
-        """Set an event with every reading and state from now on, which whoever waits for several sensors shares between them."""
-        self._changed = changed
+        self.changed.wait(timeout_s)
+        self.changed.clear()
 
     def take_reference(self) -> None:
         """Make the next images the reference. Returns at once; the sensor thread retries until it succeeds."""
@@ -207,7 +205,7 @@ class SensorPoller:
             self._read.tick(arrived_ns, self.sensor.frames_read)
             recent = self._history[:, arrived_ns - self._history[0] <= HISTORY_S * NS_PER_S]
             self._history = np.column_stack([recent, (arrived_ns, deepest_mm)])
-        self._changed.set()
+        self.changed.set()
 
     def _after(self, end: SourceEnded) -> tuple[SensorPhase, BaseException | None]:
         if self._reading is not None:
@@ -223,4 +221,4 @@ class SensorPoller:
     def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:
         with self._lock:
             self._phase, self._trouble = phase, trouble
-        self._changed.set()
+        self.changed.set()

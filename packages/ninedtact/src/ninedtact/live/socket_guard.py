@@ -121,12 +121,11 @@ class SocketGuard:
     def serve(
         self,
         handler: Callable[[Any], Awaitable[None]],
-        host: str,
         port: int,
         process_request: RequestHandler | None = None,
         **options: Any,
     ) -> serve:
-        """Return a guarded server; use it as `websockets.serve`.
+        """Return a guarded server on the host; use it as `websockets.serve`.
 
         handler, process_request: as in `websockets.serve`; they get accepted requests only, with the token taken off the path.
         """
@@ -136,7 +135,7 @@ class SocketGuard:
             "logger": one_line_logger(),
             "create_connection": partial(GuardedConnection, self.limits),
         }
-        return serve(handler, host, port, **options)
+        return serve(handler, self.host, port, **options)
 
     async def _answer_request(
         self, process_request: RequestHandler | None, connection: ServerConnection, request: Request

@@ -24,7 +24,7 @@ from ninedtact.studio.guided_page import (
     Instruction,
     ListCameras,
     SimulatedSensorControls,
-    attempt,
+    add_action_button,
     live_image_quality_rows,
 )
 from ninedtact.studio.page_cards import card_html
@@ -93,22 +93,19 @@ class CalibrationPage:
             session.second_ball,
             hint=f"of radius {session.design.ball.second_radius_mm:g} mm; it tells the base of the gel, and so the true depth",
         )
-        self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
-        self._fit_again = gui.add_button("Calibrate again from the images", icon=Icon.REFRESH)
-        self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
-        self._force = gui.add_button("Calibrate its force with known loads", color="gray", icon=Icon.SCALE)
-        self._download = gui.add_button("Download the certificate", color="gray", icon=Icon.DOWNLOAD)
-        self._back = gui.add_button("One press back", color="gray", icon=Icon.ARROW_BACK_UP)
-        self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
-        self._start.on_click(
-            lambda event: attempt(event.client, partial(session.start, self._replace.value, self._second_ball.value))
+        add = partial(add_action_button, gui)
+        self._start = add(
+            "Start", Icon.PLAYER_PLAY, lambda: session.start(self._replace.value, self._second_ball.value)
         )
-        self._fit_again.on_click(lambda event: attempt(event.client, partial(session.fit_again, self._replace.value)))
-        self._live.on_click(lambda event: session.request_live())
-        self._force.on_click(lambda event: session.request_force())
+        self._fit_again = add(
+            "Calibrate again from the images", Icon.REFRESH, lambda: session.fit_again(self._replace.value)
+        )
+        self._live = add("Open the sensor live", Icon.PLAYER_PLAY, session.request_live)
+        self._force = add("Calibrate its force with known loads", Icon.SCALE, session.request_force, "gray")
+        self._download = gui.add_button("Download the certificate", color="gray", icon=Icon.DOWNLOAD)
         self._download.on_click(self._send_certificate)
-        self._back.on_click(lambda event: session.back())
-        self._start_over.on_click(lambda event: session.start_over())
+        self._back = add("One press back", Icon.ARROW_BACK_UP, session.back, "gray")
+        self._start_over = add("Start over", Icon.RELOAD, session.start_over, "gray")
 
     def _build_presses(self, simulated: SimulatedCalibrationCamera) -> None:
         gui = self._server.viser.gui

@@ -21,6 +21,7 @@ from ninedtact.studio.guided_page import (
     Instruction,
     ListCameras,
     SimulatedSensorControls,
+    add_action_button,
     attempt,
     live_image_quality_rows,
 )
@@ -86,19 +87,14 @@ class ForceCalibrationPage:
     def _build_buttons(self) -> None:
         gui, session = self._server.viser.gui, self._session
         self._load = gui.add_number("load (g)", session.loads_g[0], min=_LEAST_G, max=_MOST_G, step=1.0)
-        self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
-        self._save = gui.add_button("Save the force scale", icon=Icon.DEVICE_FLOPPY)
-        self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
-        self._another = gui.add_button("Take another press", color="gray", icon=Icon.PLUS)
-        self._remove = gui.add_button("Remove a press", color="gray", icon=Icon.TRASH)
-        self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
         self._load.on_update(self._set_load)
-        self._start.on_click(lambda event: session.start())
-        self._save.on_click(lambda event: attempt(event.client, session.save))
-        self._live.on_click(lambda event: session.live_requested.set())
-        self._another.on_click(lambda event: session.take_another())
-        self._remove.on_click(self._remove_doubtful)
-        self._start_over.on_click(lambda event: session.start_over())
+        add = partial(add_action_button, gui)
+        self._start = add("Start", Icon.PLAYER_PLAY, session.start)
+        self._save = add("Save the force scale", Icon.DEVICE_FLOPPY, session.save)
+        self._live = add("Open the sensor live", Icon.PLAYER_PLAY, session.live_requested.set)
+        self._another = add("Take another press", Icon.PLUS, session.take_another, "gray")
+        self._remove = add("Remove a press", Icon.TRASH, self._remove_doubtful, "gray")
+        self._start_over = add("Start over", Icon.RELOAD, session.start_over, "gray")
 
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
         gui = self._server.viser.gui
@@ -129,7 +125,7 @@ class ForceCalibrationPage:
         if is_user_event(event) and _LEAST_G <= load_g <= _MOST_G:
             attempt(event.client, partial(self._session.set_load, load_g))
 
-    def _remove_doubtful(self, event: GuiEvent[Any]) -> None:
+    def _remove_doubtful(self) -> None:
         """Drop the press that the button names, also where another person has just dropped it and another one is doubtful now."""
         if self._named_press is not None:
             self._session.remove(self._named_press)

@@ -7,13 +7,13 @@ Only the place of the image is each browser's own (beside the controls, or on a 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import monotonic
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
-from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon
+from viser import ClientHandle, GuiApi, GuiButtonHandle, GuiEvent, GuiImageHandle, Icon, IconName
 
 from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.capture.frame_source import ExposureWithLimits
@@ -240,6 +240,15 @@ class SimulatedSensorControls:
     def _play(self, event: GuiEvent[Any]) -> None:
         if is_user_event(event):
             self._simulated.plays_by_itself = self._plays.value
+
+
+def add_action_button(
+    gui: GuiApi, label: str, icon: IconName, action: Callable[[], Any], color: Literal["gray"] | None = None
+) -> GuiButtonHandle:
+    """Add a button that does something, or shows why that is refused."""
+    button = gui.add_button(label, color=color, icon=icon)
+    button.on_click(lambda event: attempt(event.client, action))
+    return button
 
 
 def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:

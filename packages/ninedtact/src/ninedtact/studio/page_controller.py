@@ -195,7 +195,7 @@ class DisplayedSensor:
         """Show a reading from now on, with its heights in these colours."""
         if reading is None or reading is self.shown_reading:
             return
-        press = None if self.press is None else self.press.press_at(reading.stamp_ns)
+        press = None if self.press is None else self.press.simulation.press_at(reading.stamp_ns)
         self._view, self._views = ReadingView(reading, scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
@@ -234,7 +234,7 @@ class PageController:
         """The colours of the heights of all sensors."""
         self._changed, self._page_ms = Event(), dict[str, float]()
         for one in self.sensors:
-            one.poller.notify(self._changed)
+            one.poller.changed = self._changed
 
     def run(
         self, display: PageMomentDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False

@@ -68,12 +68,12 @@ class PageServer:
         loop.call_soon_threadsafe(loop.set_exception_handler, partial(_log_failed_task, one_line_logger()))
         self.viser.on_client_connect(self._note_client)
 
-    def listen(self, host: str, ports: Sequence[int]) -> None:
+    def listen(self, ports: Sequence[int]) -> None:
         """Open the front at the first of these ports that is free; raises `DeviceError`."""
-        with port_errors(host, ports[-1], "the page"):
+        with port_errors(self._guard.host, ports[-1], "the page"):
             for port in ports:
                 try:
-                    self._front = self._run(self._open_front(host, port))
+                    self._front = self._run(self._open_front(port))
                     break
                 except OSError as trouble:
                     if trouble.errno != errno.EADDRINUSE or port == ports[-1]:
@@ -97,10 +97,9 @@ class PageServer:
     def _run(self, task: Any) -> Any:
         return asyncio.run_coroutine_threadsafe(task, self.viser.get_event_loop()).result()
 
-    async def _open_front(self, host: str, port: int) -> Server:
+    async def _open_front(self, port: int) -> Server:
         return await self._guard.serve(
             self._connect,
-            host,
             port,
             self._fetch,
             compression=None,  # viser compresses by itself
@@ -189,15 +188,14 @@ def standalone_scene_html(draw: Callable[[viser.ViserServer], None]) -> str:
 
 
 @contextmanager
-def page_server(host: str, port: int | None, guard: SocketGuard | None = None) -> Iterator[PageServer]:
+def page_server(guard: SocketGuard, port: int | None = 0) -> Iterator[PageServer]:
     """Serve until the `with` block ends; raises `DeviceError`.
 
-    port: 0 takes any free port, None the first of `DEFAULT_PORTS` that is free. guard: the rules by which requests are accepted;
-    without it those of the host, without further allowed origins.
+    port: 0 takes any free port, None the first of `DEFAULT_PORTS` that is free.
     """
-    server = PageServer(guard or SocketGuard.for_host(host))
+    server = PageServer(guard)
     try:
-        server.listen(host, DEFAULT_PORTS if port is None else [port])
+        server.listen(DEFAULT_PORTS if port is None else [port])
         run_in_browsers(server, _PAGE_SCRIPT.replace("PROGRAM", json.dumps(token_urlsafe())))
         yield server
     finally:

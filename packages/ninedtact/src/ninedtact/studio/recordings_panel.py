@@ -331,7 +331,9 @@ class RecordingsPanel:
             explained_wrench_table_html(moment.wrenches, False),
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
-        sensor = moment.name or (self._context.sensor.id if self._player is None else self._player.sensor_id)
+        sensor = moment.name or (
+            self._context.sensor.id if self._player is None else self._player.sensors[0].readings.recording.sensor
+        )
         title = f"{sensor}, {moment.status.sentence}"
         wrench = None if sample is None else sample.wrench
         content = standalone_moment_html(view, cards, self._viewer.block, title, wrench).encode()

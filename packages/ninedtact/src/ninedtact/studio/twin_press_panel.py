@@ -13,6 +13,7 @@ from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformContro
 from viser.transforms import SO3
 
 from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.mesh_objects import MM_PER_UNIT, MeshPlacement
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
@@ -25,7 +26,7 @@ from ninedtact.studio.press_control import (
     UPLOAD_SUFFIXES,
     HandPressState,
     TwinPressController,
-    twist_and_tilts_deg,
+    pose_fields,
 )
 from ninedtact.studio.viewer import ControlFollower, Side, ViewerPage, is_user_event
 
@@ -106,7 +107,10 @@ class TwinPressPanel:
 
     def update(self, moment: PageMoment) -> None:
         """Follow what other viewers do, and say how the contact is."""
-        state, followed = self._control.state, (self._viewer.options.sensor or 0, self._control.revision)
+        followed = self._viewer.options.sensor or 0, self._control.revision
+        state = (
+            self._control.state
+        )  # read after its revision, so that a change in between is followed at the next refresh
         if followed != self._followed:
             self._followed = followed if self._follow(state) else (-1, -1)
         shown = self._viewer.choose_shown(moment)[0]
@@ -146,10 +150,9 @@ class TwinPressPanel:
         with self._noting:
             self._is_dragged = event.phase != "end" and event.client is not None
             if event.phase == "update" and event.client is not None and is_rotation:
-                x, y, z = np.array(event.target.position) - self._place_mm
-                moved = {"x_mm": float(x), "y_mm": float(y), "depth_mm": HANDLE_LIFT_MM - float(z)}
-                rotation = SO3(np.asarray(event.target.wxyz)).as_matrix()
-                self._dragged_to = moved | twist_and_tilts_deg(rotation)
+                origin_mm = np.array(event.target.position) - self._place_mm - (0.0, 0.0, HANDLE_LIFT_MM)
+                pose = Pose.from_frame(origin_mm, SO3(np.asarray(event.target.wxyz)).as_matrix())
+                self._dragged_to = pose_fields(pose)
 
     def _follow_drag(self, event: TransformControlsEvent) -> None:
         with self._moving:
