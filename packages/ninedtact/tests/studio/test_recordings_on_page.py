@@ -507,12 +507,9 @@ def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, 
     path, bench = recorded
     scale, shape = full_range_colour_scale(bench.folder.shape), bench.folder.shape
     with RecordedReadings(path, shape) as readings:
-        assert save_surface_sequence(map(readings.reading, range(2, 5)), tmp_path / "ply", bench.quota) == 3
+        save_surface_sequence(map(readings.reading, range(2, 5)), tmp_path / "ply", bench.quota)
         assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
-        assert (
-            save_video(map(readings.reading, range(len(readings))), scale, 69.6971, tmp_path / "all.mp4", bench.quota)
-            == 8
-        )
+        save_video(map(readings.reading, range(len(readings))), scale, 69.6971, tmp_path / "all.mp4", bench.quota)
         video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
         assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
         for write in (

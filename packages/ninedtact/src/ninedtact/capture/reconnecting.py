@@ -44,7 +44,6 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
         self._is_open = False
 
     def open(self) -> None:
-        """Open the source; raises what it raises."""
         with self._opening:
             if self._is_open:
                 return

@@ -200,12 +200,10 @@ class _PropertySetting:
     remedy: str = "ask for a value that the camera has (`v4l2-ctl --list-ctrls` shows them), or leave it out"
 
     def is_in_force(self, capture: VideoCaptureProtocol) -> bool:
-        """Return whether the camera reports one of the accepted values."""
         got = capture.get(self.prop)
         return any(math.isclose(got, value, abs_tol=self.tolerance) for value in self.accepted)
 
     def try_values(self, capture: VideoCaptureProtocol) -> None:
-        """Set the accepted values one after the other until the camera takes one."""
         for value in self.accepted:
             if capture.set(self.prop, value) and self.is_in_force(capture):
                 return

@@ -77,11 +77,6 @@ class FoxgloveServer:
         path = self._messages.path(topic)
         return foxglove.Channel(path, message_encoding=encoding, schema=schema, context=self._context)
 
-    @property
-    def address(self) -> str:
-        """Address to open in Foxglove, with the token."""
-        return self.guard.websocket_address(self.port)
-
     def __enter__(self) -> "FoxgloveServer":
         self._host = hidden_loopback_address()
         self._server = foxglove.start_server(

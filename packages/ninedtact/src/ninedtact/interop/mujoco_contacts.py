@@ -174,7 +174,7 @@ class MujocoScene:
         frame, kinds = self.rotation_of(self.body), mujoco.mjtGeom
         rotation = frame.T @ np.array(self.data.geom_xmat[geom]).reshape(3, 3)
         centre = frame.T @ (MM_PER_M * (self.data.geom_xpos[geom] - self.data.xpos[self.body])) + lag_mm
-        size, kind = (MM_PER_M * self.model.geom_size[geom]).tolist(), self.model.geom_type[geom]
+        size, kind = (MM_PER_M * self.model.geom_size[geom]).tolist(), kinds(self.model.geom_type[geom])
         if kind == kinds.mjGEOM_MESH:
             triangles_mm = self._triangles_mm(int(self.model.geom_dataid[geom]))
             return MeshSolid(triangles_mm @ rotation.T + centre)
@@ -189,7 +189,7 @@ class MujocoScene:
         raise InputError(
             expected=f"body {name} to consist of spheres, ellipsoids, boxes, cylinders, capsules or meshes where "
             "it touches the gel",
-            got=f"a {kinds(kind).name.removeprefix('mjGEOM_').lower()}",
+            got=f"a {kind.name.removeprefix('mjGEOM_').lower()}",
             remedy="replace it, or keep it off the sensor",
         )
 

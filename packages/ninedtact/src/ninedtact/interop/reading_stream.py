@@ -174,7 +174,6 @@ class _ClientQueue:
         self._missed = 0
 
     def add(self, message: _SharedMessage) -> None:
-        """Queue a message; where too many wait, the oldest is missed."""
         if self._waiting.full():
             self._missed += isinstance(self._waiting.get_nowait().source, Reading)
         self._waiting.put_nowait(message)

@@ -145,7 +145,6 @@ class _Recording:
     """One file, and the thread that writes it."""
 
     def __init__(self, path: Path, writers: list[RecordingWriter], on_growth: Callable[[int], None]) -> None:
-        """Create the file; raises `OutputError` or `RecordingStopped`."""
         self.path, self._writers, self._on_growth = path, writers, on_growth
         self.is_running, self._trouble = True, ""
         self._items: Queue[tuple[Reading | Wrench | LabelledSpan, int] | None] = Queue()
@@ -159,7 +158,6 @@ class _Recording:
         self._thread.start()
 
     def state(self) -> RecorderState:
-        """Return the present state."""
         written, label = self._writers[0].written, self._label
         return RecorderState(
             self.path,

@@ -1,7 +1,6 @@
-"""The reference images of a recording: those that it has, those of its first images, and those of later moments of it."""
+"""The reference images with which a recorded sensor is opened: those that its recording starts with, or those of later moments."""
 
 from collections.abc import Sequence
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -11,87 +10,14 @@ from ninedtact.calibration.drift.reference_check import ReferenceImageChecker, d
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, HeightSource, Rectified
-from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.reader import Recording
-from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
+from ninedtact.recording.reader import RecordedReferences, Recording
+from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.calibrated_shape import (
     REFERENCE_FRAMES,
     CalibratedShape,
     DepthReader,
-    FindReferenceFaults,
     mean_rectified_image,
 )
-
-
-class RecordedReferences:
-    """The reference images of a recording: rectified ones (live page, ROS), or raw ones (`collect`), of which those with one index
-    belong together. Each holds from its stamp on, the first one before it, too."""
-
-    def __init__(
-        self,
-        recording: Recording,
-        shape: CalibratedShape,
-        find_faults: FindReferenceFaults = lambda _: (),
-        rectified_faults: tuple[str, ...] = (),
-    ) -> None:
-        """rectified_faults: why images that were recorded rectified cannot be reference images of the calibrated sensor."""
-        self.recording, self._shape = recording, shape
-        self._find_faults, self._rectified_faults = find_faults, rectified_faults
-        kinds = (Topic.REFERENCE_GREY, Topic.REFERENCE)
-        self.topic = next((topic for topic in kinds if len(recording.positions(topic))), None)
-        """The topic of the reference images; None where the recording has none."""
-        self._positions = recording.positions(self.topic or Topic.REFERENCE)
-        self._last: tuple[int, DepthReader] | None = None
-
-    def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
-        """Return a depth reader for the reference image that held at a stamp, the same object until it changes; None without one.
-
-        Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
-        """
-        if self.topic is None:
-            return None
-        number = max(int(np.searchsorted(self._positions["stamp_ns"], stamp_ns, side="right")) - 1, 0)
-        if self._last is None or self._last[0] != number:
-            self._last = number, self._read(number)
-        return self._last[1]
-
-    def depth_reader_of_first_images(self) -> DepthReader:
-        """Return a depth reader for the first ten images; raises `InputError` where there are fewer."""
-        frames = list(islice(self.recording.frames(), REFERENCE_FRAMES))
-        if len(frames) < REFERENCE_FRAMES:
-            raise InputError(
-                expected=(
-                    f"reference images in {self.recording.path}, or at least {REFERENCE_FRAMES} images of which the "
-                    "first are taken as such"
-                ),
-                got=f"{len(frames)} images alone",
-                remedy="record longer",
-            )
-        return self._shape.depth_reader(*frames, find_faults=self._find_faults)
-
-    def _frames_at(self, number: int) -> list[Frame]:
-        frames = [self.recording.frame(self._positions[number])]
-        for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
-            for other in numbers:
-                frame = self.recording.frame(self._positions[other])
-                if frame.index != frames[0].index:
-                    break
-                frames.append(frame)
-        return frames
-
-    def _read(self, number: int) -> DepthReader:
-        if self.topic is not Topic.REFERENCE_GREY:
-            return self._shape.depth_reader(*self._frames_at(number), find_faults=self._find_faults)
-        message, wanted = self.recording.file.message(self._positions[number]), self._shape.rectify.height_source.shape
-        grey = decode_reference_grey(message.data)
-        if grey.shape != wanted:
-            raise RecordingUnreadable(
-                expected=f"a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has",
-                got=f"{grey.shape[1]} x {grey.shape[0]}",
-                remedy="name the recorded sensor, or none",
-            )
-        reference = Rectified(grey, self._shape.rectify.mm_per_px, message.log_time)
-        return self._shape.reader_against(reference, self._rectified_faults)
 
 
 def read_first_reference(path: Path | str, sensor: SensorFolder, check: ReferenceImageChecker) -> DepthReader | None:

@@ -12,15 +12,10 @@ from ninedtact.capture.frame_source import FrameSource, Openable, SourceEnded, S
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.reader import Recording
-from ninedtact.recording.recorded_references import RecordedReferences
+from ninedtact.recording.reader import RecordedReferences, Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
-from ninedtact.shape.calibrated_shape import (
-    CalibratedShape,
-    DepthReader,
-    FindReferenceFaults,
-)
+from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader, FindReferenceFaults
 
 Item = TypeVar("Item")
 
@@ -53,7 +48,6 @@ class _RecordedTopic(Openable):
             self._recording = recording
 
     def close(self) -> None:
-        """Close the recording; opening it again starts from the first message."""
         with self._lock:
             if self._recording is not None:
                 self._recording.close()

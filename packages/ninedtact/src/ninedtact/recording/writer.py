@@ -339,7 +339,6 @@ class _RecordFile:
         return len(records)
 
     def tell(self) -> int:
-        """Return the position of the next record."""
         return self._end
 
     def flush(self) -> None:

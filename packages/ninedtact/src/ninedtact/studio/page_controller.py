@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
 from threading import Event
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -122,7 +122,7 @@ class SensorMoment:
             status = SensorStatusMessage("held", "frozen, a moment of a recording is shown")
         else:
             status = most_urgent_status(now.snapshot, self.reading, True, now_ns)
-        return replace(self, status=status, view=self.view.dimmed_copy() if status.is_past else self.view.bright_copy())
+        return replace(self, status=status, view=self.view.with_past(status.is_past))
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,6 @@ class PageMoment:
         return replace(self, sensors=tuple(kept.frozen_copy(newest, now_ns) for kept, newest in sensors))
 
 
-@runtime_checkable
 class PageMomentDisplay(Protocol):
     """The interface of a display of moments. No reading is drawn while no browser is connected."""
 
@@ -201,9 +200,8 @@ class DisplayedSensor:
 
     def moment(self, snapshot: SensorSnapshot, status: SensorStatusMessage) -> SensorMoment:
         """Return the newest view with everything that belongs to its moment."""
-        if self._view is not None and self._view.is_past != status.is_past:
-            # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
-            self._view = self._view.dimmed_copy() if status.is_past else self._view.bright_copy()
+        if self._view is not None:
+            self._view = self._view.with_past(status.is_past)
         now_ns = time.monotonic_ns()
         wrenches = tuple(self._wrench_of_moment(history, now_ns) for history in self.wrenches)
         return SensorMoment(status, snapshot, self._view, wrenches, self._shown.hz(now_ns), self.name)

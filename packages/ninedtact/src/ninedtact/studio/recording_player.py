@@ -28,8 +28,7 @@ from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
-from ninedtact.recording.reader import Recording
-from ninedtact.recording.recorded_references import RecordedReferences
+from ninedtact.recording.reader import RecordedReferences, Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,

@@ -96,7 +96,6 @@ class RecordingsPanel:
 
     @property
     def _opened(self) -> RecordingPlayer:
-        """What is open; raises `InputError`."""
         if self._player is None:
             raise InputError(expected="an open recording to export", got="none", remedy="open one first")
         return self._player
@@ -324,7 +323,7 @@ class RecordingsPanel:
         moment = None if newest is None else self._viewer.choose_shown(newest)[0]
         if moment is None or moment.view is None:
             raise InputError(WITHOUT_READING)
-        view, path = moment.view.bright_copy(), self._out / f"moment_{time}.html"
+        view, path = moment.view.with_past(False), self._out / f"moment_{time}.html"
         cards = (
             status_html(moment.status),
             shape_summary_html(view.summary, False),

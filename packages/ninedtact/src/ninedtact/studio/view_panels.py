@@ -60,19 +60,17 @@ class ImagesPanel:
     def update(self, moment: PageMoment) -> None:
         """Draw both images."""
         shown, options = self._viewer.choose_shown(moment), self._viewer.options
-        views, names = (
-            [one.view for one in shown if one.view is not None],
-            [one.name for one in shown if one.view is not None],
-        )
+        views = {one.name: one.view for one in shown if one.view is not None}
         if not views:
             return
+        first = next(iter(views.values()))
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             if len(views) > 1:
-                bgr = sensor_tiles(views, names, kind, options.with_outline, options.source)
+                bgr = sensor_tiles(views, kind, options.with_outline, options.source)
             else:
-                bgr = views[0].image(kind, options.with_outline, options.source)
+                bgr = first.image(kind, options.with_outline, options.source)
             image.image = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
-            legend.content = _legend_html(views[0], kind, self._scale, options.source)
+            legend.content = _legend_html(first, kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
         if is_user_event(event):
