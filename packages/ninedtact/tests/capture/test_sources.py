@@ -18,7 +18,7 @@ from mjpeg_camera import MjpegCamera
 from small_press_simulation import TWIN, small_press_simulation
 from twin_folder import twin_folder
 
-from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback
 from ninedtact.capture.frame_source import (
     CameraLost,
     ExposureWithLimits,
@@ -30,7 +30,7 @@ from ninedtact.capture.frame_source import (
 )
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
-from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.reconnecting import ReconnectingFrameSource, RepeatingSource
 from ninedtact.capture.source_from_address import camera_or_file_source
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_file import VideoFile

@@ -9,9 +9,9 @@ import pytest
 from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, image_folder, sensor_on, skin, wait_until
 
-from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback
 from ninedtact.capture.frame_source import ImageFolder
-from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.reconnecting import ReconnectingFrameSource, RepeatingSource
 from ninedtact.errors import CameraError
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.quantities import Frame

@@ -1,14 +1,13 @@
 """Wrappers that pace a source: `LatestFrameSource` returns the newest frame of a live source, `LivePlayback` plays a recording
-at its own rate, `RepeatingSource` starts it again when it ends. `DelayCorrectedSource` subtracts the camera's delay from the
-stamps.
+at its own rate. `DelayCorrectedSource` subtracts the camera's delay from the stamps.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from threading import Condition, Event, Lock, Thread
+from threading import Condition, Event, Thread
 
-from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceEnded, SourceIncomplete, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceIncomplete, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
@@ -166,45 +165,3 @@ class DelayCorrectedSource(FrameSourceWrapper):
         """Return the next frame with its corrected stamp."""
         frame = self._source.read()
         return replace(frame, stamp_ns=frame.stamp_ns - self._delay_ns)
-
-
-class RepeatingSource(FrameSourceWrapper):
-    """Wraps a source and starts it again when it ends; frame indices continue to count."""
-
-    def __init__(self, source: FrameSource) -> None:
-        super().__init__(source)
-        self._is_open = False
-        self._opening = Lock()
-
-    def open(self) -> None:
-        """Open the source; raises what the source raises."""
-        with self._opening:
-            if self._is_open:
-                return
-            self._source.open()
-            self._is_open = True
-            self._first_index = self._next_index = 0
-
-    def read(self) -> Frame:
-        """Return the next image; the first one follows the last."""
-        try:
-            frame = self._source.read()
-        except SourceEnded:
-            self._start_over()
-            frame = self._source.read()
-        self._next_index = self._first_index + frame.index + 1
-        return replace(frame, index=self._next_index - 1)
-
-    def close(self) -> None:
-        """Close the source that is repeated."""
-        with self._opening:
-            self._is_open = False
-            self._source.close()
-
-    def _start_over(self) -> None:
-        with self._opening:
-            if not self._is_open:
-                raise SourceNotOpen(self.name)
-            self._source.close()
-            self._source.open()
-        self._first_index = self._next_index

@@ -25,11 +25,12 @@ from ninedtact.studio.guided_page import (
     ListCameras,
     SimulatedSensorControls,
     add_action_button,
+    attempt,
     live_image_quality_rows,
 )
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
-from ninedtact.studio.viewer import NOTICE_S, is_user_event
+from ninedtact.studio.viewer import on_user_change
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball")
 _SECOND_BALL_STEP_NAMES = ("untouched", "second ball")
@@ -118,13 +119,12 @@ class CalibrationPage:
             self._held = gui.add_html("")
 
         def move(event: GuiEvent[Any]) -> None:
-            if is_user_event(event):
-                tilt = self._tilt_x.value, self._tilt_y.value
-                self._presses.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
+            tilt = self._tilt_x.value, self._tilt_y.value
+            self._presses.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
 
         hold.on_click(lambda event: self._presses.hold(simulated.good_press(hold.value.replace(" ", "_"))))
         for slider in (self._depth, self._tilt_x, self._tilt_y):
-            slider.on_update(move)
+            on_user_change(slider, move)
 
     def _follow_presses(self, state: CalibrationState, simulated: SimulatedCalibrationCamera) -> None:
         held, sliders = simulated.held, (self._depth, self._tilt_x, self._tilt_y)
@@ -136,15 +136,11 @@ class CalibrationPage:
         self._held.content = _held_html(held, simulated.refusal)
 
     def _send_certificate(self, event: GuiEvent[Any]) -> None:
-        folder = self._session.state.result
-        if folder is None or event.client is None:
+        folder, client = self._session.state.result, event.client
+        if folder is None or client is None:
             return
-        try:
-            content = (folder.path / CERTIFICATE_FILE).read_bytes()
-        except OSError as trouble:
-            event.client.add_notification("Not sent", str(trouble), color="red", auto_close_seconds=NOTICE_S)
-        else:
-            event.client.send_file_download(f"{folder.id}_certificate.html", content, save_immediately=True)
+        file, name = folder.path / CERTIFICATE_FILE, f"{folder.id}_certificate.html"
+        attempt(client, lambda: client.send_file_download(name, file.read_bytes(), save_immediately=True))
 
     def _show_buttons(self, state: CalibrationState) -> None:
         phase, complete = state.phase, state.step == len(self._step_names) - 1

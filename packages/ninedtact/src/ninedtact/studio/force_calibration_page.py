@@ -27,7 +27,7 @@ from ninedtact.studio.guided_page import (
 )
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
-from ninedtact.studio.viewer import ControlFollower, is_user_event
+from ninedtact.studio.viewer import ControlFollower, on_user_change
 
 _LEAST_G, _MOST_G = 1.0, 5000.0
 _MOST_SIMULATED_G = 800.0
@@ -87,7 +87,7 @@ class ForceCalibrationPage:
     def _build_buttons(self) -> None:
         gui, session = self._server.viser.gui, self._session
         self._load = gui.add_number("load (g)", session.loads_g[0], min=_LEAST_G, max=_MOST_G, step=1.0)
-        self._load.on_update(self._set_load)
+        on_user_change(self._load, self._set_load)
         add = partial(add_action_button, gui)
         self._start = add("Start", Icon.PLAYER_PLAY, session.start)
         self._save = add("Save the force scale", Icon.DEVICE_FLOPPY, session.save)
@@ -105,11 +105,10 @@ class ForceCalibrationPage:
             self._refusal = gui.add_html("")
 
         def hold(event: GuiEvent[Any]) -> None:
-            if is_user_event(event):
-                self._loads.hold(ball_press_under_load(float(self._weight.value), float(self._place.value)))
+            self._loads.hold(ball_press_under_load(float(self._weight.value), float(self._place.value)))
 
-        self._weight.on_update(hold)
-        self._place.on_update(hold)
+        on_user_change(self._weight, hold)
+        on_user_change(self._place, hold)
 
     def _follow_load(self, state: ForceCalibrationState, simulated: SimulatedCalibrationCamera) -> None:
         held = simulated.held
@@ -122,7 +121,7 @@ class ForceCalibrationPage:
     def _set_load(self, event: GuiEvent[Any]) -> None:
         """State the load that a person has typed, unless it is beyond the limits, as while it is typed."""
         load_g = float(self._load.value)
-        if is_user_event(event) and _LEAST_G <= load_g <= _MOST_G:
+        if _LEAST_G <= load_g <= _MOST_G:
             attempt(event.client, partial(self._session.set_load, load_g))
 
     def _remove_doubtful(self) -> None:

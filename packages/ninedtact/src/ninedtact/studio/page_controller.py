@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import compress
 from pathlib import Path
 from threading import Event
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -142,6 +142,7 @@ class PageMoment:
         return replace(self, sensors=tuple(kept.frozen_copy(newest, now_ns) for kept, newest in sensors))
 
 
+@runtime_checkable
 class PageMomentDisplay(Protocol):
     """The interface of a display of moments. No reading is drawn while no browser is connected."""
 

@@ -36,7 +36,7 @@ from ninedtact.studio.page_cards import (
 from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
 from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import save_surface_sequence, save_video
-from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
+from ninedtact.studio.viewer import Side, ViewerPage, on_user_change
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -109,19 +109,19 @@ class RecordingsPanel:
             if self._context.opens is None:
                 self._choice = gui.add_dropdown("recording", (NOTHING,), hint=f"recordings in {self._out}")
                 self._close_button = gui.add_button("Back to the sensor", icon=Icon.PLAYER_EJECT, visible=False)
-                self._choice.on_update(self._choose)
+                on_user_change(self._choice, self._choose)
                 self._close_button.on_click(lambda event: self._close())
             self._play_folder, self._slider = folder, gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
             self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play: or pause")
             self._speed = gui.add_dropdown("speed", tuple(_SPEED_OF_NAME), initial_value="1 ×", visible=False)
             self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
-            self._speed.on_update(self._set_speed)
+            on_user_change(self._speed, self._set_speed)
             self._keys = gui.add_html(card_html("lines", texts=[PLAY_KEYS]), visible=False)
         self._labels = gui.add_folder("labels", visible=False)
         with self._labels:
             self._list = gui.add_html("")
             self._label_choice = gui.add_dropdown("label", (WHOLE,))
-            self._label_choice.on_update(self._go_to_label)
+            on_user_change(self._label_choice, self._go_to_label)
             self._label_name = gui.add_text("name", "")
             self._marks = gui.add_button_group("here", ("begins", "ends"))
             self._marks.on_click(self._mark)
@@ -203,9 +203,8 @@ class RecordingsPanel:
             self._choice.options = names
 
     def _choose(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event):
-            name = str(event.target.value)
-            self._close() if name not in self._choice.options[1:] else self._open(self._out / name)
+        name = str(event.target.value)
+        self._close() if name not in self._choice.options[1:] else self._open(self._out / name)
 
     def _open(self, path: Path) -> None:
         """Show a recording in place of the sensor, to this viewer."""
@@ -239,7 +238,7 @@ class RecordingsPanel:
             self._choice.value = self._opened_name  # also where another one could not be opened
 
     def _seek(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event) and self._player is not None:
+        if self._player is not None:
             self._player.seek(float(event.target.value))
             self._slid_s = self._player.at_s
 
@@ -248,7 +247,7 @@ class RecordingsPanel:
             self._player.step(images) if images else self._player.toggle_play()
 
     def _set_speed(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event) and self._player is not None:
+        if self._player is not None:
             self._player.speed = _SPEED_OF_NAME.get(str(event.target.value), 1.0)
 
     def _chosen_span(self) -> LabelledSpan | None:
@@ -258,7 +257,7 @@ class RecordingsPanel:
 
     def _go_to_label(self, event: GuiEvent[Any]) -> None:
         span = self._chosen_span()
-        if is_user_event(event) and self._player is not None and span is not None:
+        if self._player is not None and span is not None:
             self._player.seek(self._player.span_s(span)[0])
             self._marks_s = list(self._player.span_s(span))
             self._show_marks()
@@ -300,7 +299,7 @@ class RecordingsPanel:
             self._slider = self._gui.add_slider(
                 "time (s)", 0.0, end_s, 0.001, at_s, marks=marks, order=before.order, visible=before.visible
             )
-        self._slider.on_update(self._seek)
+        on_user_change(self._slider, self._seek)
         before.remove()
 
     def _show_marks(self) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent
 from viser.transforms import SO3
 
-from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.mesh_objects import MM_PER_UNIT, MeshPlacement
 from ninedtact.studio.page_cards import card_html
@@ -28,7 +27,7 @@ from ninedtact.studio.press_control import (
     TwinPressController,
     pose_fields,
 )
-from ninedtact.studio.viewer import ControlFollower, Side, ViewerPage, is_user_event
+from ninedtact.studio.viewer import ControlFollower, Side, ViewerPage, on_user_change
 
 HANDLE_LIFT_MM = 7.0
 """Height of the 3D handle over the lowest point of the object, so that both can be seen."""
@@ -97,11 +96,11 @@ class TwinPressPanel:
             self._unit = gui.add_dropdown("unit", (FIT, *MM_PER_UNIT), initial_value="mm")
             self._side = gui.add_dropdown("side that faces the skin", tuple(_SIDES))
             upload = gui.add_upload_button("Upload a mesh", icon=Icon.UPLOAD, mime_type=",".join(UPLOAD_SUFFIXES))
-        self._mode.on_update(self._choose_mode)
+        on_user_change(self._mode, self._choose_mode)
         for chooser in (self._kind, self._family, self._number):
-            chooser.on_update(self._choose_object)
+            on_user_change(chooser, self._choose_object)
         for name, slider in self._sliders.items():
-            slider.on_update(partial(self._move, name))
+            on_user_change(slider, partial(self._move, name))
         upload.on_upload(self._upload)
         self._add_handle()
 
@@ -169,8 +168,6 @@ class TwinPressPanel:
         return self._viewer.arrangement.places_mm[0]
 
     def _choose_mode(self, event: GuiEvent[Any]) -> None:
-        if not is_user_event(event):
-            return
         for control in self._pressed:
             if event.target.value == _SEQUENCE:
                 control.play()
@@ -179,23 +176,17 @@ class TwinPressPanel:
 
     def _choose_object(self, event: GuiEvent[Any]) -> None:
         """Take another object, the first one of a kind that was not shown before."""
-        if not is_user_event(event):
-            return
         kind, family = str(self._kind.value), str(self._family.value)
         if kind == OWN_KIND:
             (family,) = self._names_of_kind(kind)
         elif family not in OBJECTS_BY_KIND.get(kind, ()):
             family = OBJECTS_BY_KIND[kind][0] if kind in OBJECTS_BY_KIND else ""
-        try:
+        self._followed = (-1, -1)  # so that the controls show the present object again where this one is refused
+        with self._viewer.notify_refusal("Not taken"):
             for control in self._pressed:
                 control.choose(kind, family, int(self._number.value))
-        except NinedtactError as trouble:
-            self._followed = (-1, -1)
-            self._viewer.notify("Not taken", str(trouble), "red")
 
     def _move(self, name: str, event: GuiEvent[Any]) -> None:
-        if not is_user_event(event):
-            return
         by_load = {"depth_mm": {"by_load": False}, "load_n": {"by_load": True}}.get(name, {})
         for control in self._pressed:
             control.move(**{name: float(event.target.value)}, **by_load)
@@ -203,12 +194,9 @@ class TwinPressPanel:
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
         unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
         placement = MeshPlacement(unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FIT_MM if unit == FIT else None)
-        try:
+        with self._viewer.notify_refusal("Mesh not taken"):
             file = event.target.value
             said = {control.upload(file.name, file.content, placement) for control in self._pressed}
-        except NinedtactError as trouble:
-            self._viewer.notify("Mesh not taken", str(trouble), "red")
-        else:
             self._viewer.notify("Mesh taken", " ".join(said), "green")
 
     def _names_of_kind(self, kind: str) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ from ninedtact.studio.viewer import (
     ViewerPage,
     ViewOptions,
     add_theme_choice,
-    is_user_event,
+    on_user_change,
 )
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
@@ -53,7 +53,7 @@ class ImagesPanel:
         self._legends = []
         for slot, kind in enumerate(self._viewer.options.images):
             menu = gui.add_dropdown(f"image {slot + 1}", [str(choice) for choice in ImageKind], initial_value=str(kind))
-            menu.on_update(partial(self._choose, slot))
+            on_user_change(menu, partial(self._choose, slot))
             self._images.append(gui.add_image(BLANK, format="jpeg", jpeg_quality=JPEG_QUALITY))
             self._legends.append(gui.add_html(""))
 
@@ -73,10 +73,9 @@ class ImagesPanel:
             legend.content = _legend_html(first, kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
-        if is_user_event(event):
-            first, second = self._viewer.options.images
-            kind = ImageKind(event.target.value)
-            self._viewer.choose(images=(kind, second) if slot == 0 else (first, kind))
+        first, second = self._viewer.options.images
+        kind = ImageKind(event.target.value)
+        self._viewer.choose(images=(kind, second) if slot == 0 else (first, kind))
 
 
 class ScenePanel:
@@ -198,7 +197,7 @@ class ProfilePanel:
         )
         self._shown.on_update(lambda event: self._viewer.choose(with_profile=event.target.value))
         for point in (self._start, self._end):
-            point.on_update(self._choose_line)
+            on_user_change(point, lambda event: self._show_line())
         picks.on_update(lambda event: self._listen(is_picking=bool(event.target.value)))
         self._listen(is_picking=False)
 
@@ -211,10 +210,6 @@ class ProfilePanel:
         true = np.full(PROFILE_POINTS, np.nan) if profile.true_mm is None else profile.true_mm
         self._plot.data = (profile.distance_mm, profile.height_mm, true)
         self._text.content = profile_summary_html(profile)
-
-    def _choose_line(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event):
-            self._show_line()
 
     def _show_line(self) -> None:
         self._shown.value = True

@@ -262,9 +262,9 @@ class ViewerPage:
                 lower.dock_below(upper)
 
 
-def is_user_event(event: GuiEvent[Any]) -> bool:
-    """Return whether a person changed the control; the page itself changes controls too, to follow what others do."""
-    return event.client is not None
+def on_user_change(control: Any, act: Callable[[GuiEvent[Any]], object]) -> None:
+    """Call `act` where a person changes a control; the page itself changes controls too, to follow what others do."""
+    control.on_update(lambda event: None if event.client is None else act(event))
 
 
 class ControlFollower:
