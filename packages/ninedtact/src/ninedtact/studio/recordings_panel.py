@@ -153,9 +153,10 @@ class RecordingsPanel:
         if recorder is not None:
             state = recorder.state()
             self._show_recorder(state)
-        if self._player is not None and self._player.at_s != self._slid_s:
+        player = self._player
+        if player is not None and player.at_s != self._slid_s:
             # Only where time has gone on by itself: a slider that a person drags must not be set back.
-            self._slid_s = self._player.at_s
+            self._slid_s = player.at_s
             self._slider.value = round(self._slid_s, 3)
         is_due = monotonic() - self._listed_at > _LIST_EVERY_S or state.is_running != self._was_running
         if self._context.opens is None and is_due:
@@ -238,9 +239,10 @@ class RecordingsPanel:
             self._choice.value = self._opened_name  # also where another one could not be opened
 
     def _seek(self, event: GuiEvent[Any]) -> None:
-        if self._player is not None:
-            self._player.seek(float(event.target.value))
-            self._slid_s = self._player.at_s
+        player = self._player
+        if player is not None:
+            player.seek(float(event.target.value))
+            self._slid_s = player.at_s
 
     def _step(self, images: int) -> None:
         if self._player is not None:
@@ -256,10 +258,10 @@ class RecordingsPanel:
         return spans[0] if spans else None
 
     def _go_to_label(self, event: GuiEvent[Any]) -> None:
-        span = self._chosen_span()
-        if self._player is not None and span is not None:
-            self._player.seek(self._player.span_s(span)[0])
-            self._marks_s = list(self._player.span_s(span))
+        player, span = self._player, self._chosen_span()
+        if player is not None and span is not None:
+            self._marks_s = list(player.span_s(span))
+            player.seek(self._marks_s[0])
             self._show_marks()
 
     def _mark(self, event: GuiEvent[Any]) -> None:
@@ -279,10 +281,12 @@ class RecordingsPanel:
         player.remove_span(span)
 
     def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
-        if self._player is not None:
+        player = self._player
+        if player is not None:
             with self._viewer.notify_refusal("Label not changed"):
-                change(self._player)
-            self._show_labels(self._player)
+                change(player)
+            if self._player is player:  # which may have been closed while its file was written
+                self._show_labels(player)
 
     def _show_labels(self, player: RecordingPlayer) -> None:
         names = [_span_name(player, span) for span in player.spans]
