@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray as Array
 
 from ninedtact.capture.force_torque.bota import BotaDriver
 from ninedtact.capture.force_torque.driver_source import DriverWrenchSource, ForceTorqueDriver
@@ -54,12 +56,9 @@ class _FrameConversion(WrenchSourceWrapper):
     """Wraps a source whose samples are converted between the frame of a mounted device and the sensor frame."""
 
     def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
-        from scipy.spatial.transform import Rotation
-
         super().__init__(source)
-        # From the frame of the device to the sensor frame: about x, then y, then z of the sensor.
-        self._rotation = np.asarray(Rotation.from_euler("xyz", mount.rotation_deg, degrees=True).as_matrix())
-        self._sign, self._origin_mm = mount.sign, np.array(mount.origin_mm, float)
+        self._rotation, self._sign = mount_rotation(mount), mount.sign
+        self._origin_mm = np.array(mount.origin_mm, float)
 
 
 class MountedWrenchSource(_FrameConversion):
@@ -91,6 +90,13 @@ class DeviceFrameWrenchSource(_FrameConversion):
             torque_nm=self._sign * self._rotation.T @ wrench.torque_nm,
             about_mm=np.zeros(3),
         )
+
+
+def mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
+    """Return the rotation from the frame of the device to the sensor frame: about x, then y, then z of the sensor."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler("xyz", mount.rotation_deg, degrees=True).as_matrix())
 
 
 def untared_wrench_source_for(address: str, mount: ForceTorqueMount, notify: Callable[[str], None]) -> WrenchSource:
