@@ -13,6 +13,7 @@ import viser
 
 from ninedtact import Frame, FrameSource
 from ninedtact.design import Gel
+from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.studio.page_controller import DisplayedSensor, PageController
 from ninedtact.studio.page_server import PageServer, page_server
@@ -58,7 +59,7 @@ def shown_page(
     sensors: Sequence[DisplayedSensor], shape: CalibratedShape, hz: float, readings: Path
 ) -> Iterator[tuple[PageServer, SensorPage]]:
     """Serve the page of sensors whose pollers run; yields server and page. readings: folder of what the page would save."""
-    with page_server("127.0.0.1", 0) as server:
+    with page_server(SocketGuard("127.0.0.1")) as server:
         controller, stop = PageController(sensors, readings), threading.Event()
         page = SensorPage(server, controller, gel_block_under_skin(shape, Gel()), "benchmark")
         showing = threading.Thread(target=controller.run, args=(page, hz, stop.is_set))

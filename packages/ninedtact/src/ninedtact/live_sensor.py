@@ -45,9 +45,9 @@ def assemble_live_sensor(
     own. notify: receives a sentence about a camera that is lost or is back. The other parameters, and what is raised, are those of
     `open`.
     """
-    from ninedtact.capture.frame_pacing import LatestFrameSource, RepeatingSource
+    from ninedtact.capture.frame_pacing import LatestFrameSource
     from ninedtact.capture.frame_source import FIXED_EXPOSURE
-    from ninedtact.capture.reconnecting import ReconnectingFrameSource
+    from ninedtact.capture.reconnecting import ReconnectingFrameSource, RepeatingSource
 
     of = f"{name}: " if name else ""
     follow = None if follow_reference else False

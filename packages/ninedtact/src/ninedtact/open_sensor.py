@@ -111,7 +111,8 @@ def assemble_sensor(
     elif frames.reference_frames:
         images.given = shape.depth_reader(*frames.reference_frames)
     elif frames.recording is not None:
-        from ninedtact.recording.recorded_source import RecordedFrameSource, read_first_reference
+        from ninedtact.recording.recorded_references import read_first_reference
+        from ninedtact.recording.recorded_source import RecordedFrameSource
 
         images.given = read_first_reference(frames.recording, folder, check)
         if images.given is not None and isinstance(
@@ -128,7 +129,7 @@ def assemble_sensor(
             remedy="drop the moment, or call take_reference() of the sensor while nothing touches",
         )
     if moments_s and frames.recording is not None:
-        from ninedtact.recording.recorded_source import read_references_at_moments
+        from ninedtact.recording.recorded_references import read_references_at_moments
 
         before = None if images.given is None else images.given.reference
         images.at_moments = read_references_at_moments(frames.recording, moments_s, shape, check, before)

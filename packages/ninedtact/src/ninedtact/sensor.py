@@ -8,7 +8,6 @@ Heights and forces are changes since a reference image (no contact), which `Refe
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from time import monotonic_ns
-from types import TracebackType
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.errors import CalibrationError
@@ -155,7 +154,5 @@ class Sensor:
         self.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

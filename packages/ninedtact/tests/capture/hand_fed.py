@@ -17,7 +17,6 @@ class HandFed(FrameSource):
         self.fed = 0
 
     def show(self, level: int = 0, age_ms: float = 0.0, stamp_ns: int | None = None) -> None:
-        """Let the source deliver a flat image."""
         stamp_ns = time.monotonic_ns() - int(age_ms * 1e6) if stamp_ns is None else stamp_ns
         self.queue.put(Frame(np.full((4, 5, 3), level, np.uint8), stamp_ns, self.fed))
         self.fed += 1

@@ -51,7 +51,6 @@ class MjpegCamera:
             time.sleep(self.period_s)
 
     def parts(self) -> Iterator[bytes]:
-        """The images with their heads, as a viewer gets them."""
         for jpeg in self.jpegs():
             head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
             yield head.encode() + jpeg + b"\r\n"
@@ -107,8 +106,6 @@ class Listener(ThreadingHTTPServer):
 
 
 def handler_of(camera: MjpegCamera) -> type[BaseHTTPRequestHandler]:
-    """The HTTP side of one camera."""
-
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             if self.path != "/stream.mjpg":
@@ -127,7 +124,6 @@ def handler_of(camera: MjpegCamera) -> type[BaseHTTPRequestHandler]:
 
 
 def encoded(level: int, rows: int, cols: int) -> bytes:
-    """One flat grey image as JPEG."""
     done, jpeg = cv2.imencode(".jpg", np.full((rows, cols, 3), level, np.uint8))
     assert done
     return jpeg.tobytes()

@@ -33,7 +33,6 @@ FUZZ = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCh
 
 
 def read_or_refuse(content: bytes, folder: Path) -> np.ndarray | None:
-    """The image, or None where it was refused as it should be."""
     path = folder / "image"
     path.write_bytes(content)
     try:

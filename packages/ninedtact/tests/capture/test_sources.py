@@ -18,7 +18,7 @@ from mjpeg_camera import MjpegCamera
 from small_press_simulation import TWIN, small_press_simulation
 from twin_folder import twin_folder
 
-from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback
 from ninedtact.capture.frame_source import (
     CameraLost,
     ExposureWithLimits,
@@ -30,7 +30,7 @@ from ninedtact.capture.frame_source import (
 )
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
-from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.reconnecting import ReconnectingFrameSource, RepeatingSource
 from ninedtact.capture.source_from_address import camera_or_file_source
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.capture.video_file import VideoFile
@@ -102,7 +102,7 @@ def reconnecting(source: FrameSource) -> FrameSource:
 
 
 def patient(source: FrameSource) -> FrameSource:
-    return LatestFrameSource(source, max_age_ms=20_000.0, timeout_ms=20_000.0)
+    return LatestFrameSource(LivePlayback(source), max_age_ms=20_000.0, timeout_ms=20_000.0)
 
 
 FAMILY: dict[str, Callable[[Bench], FrameSource]] = {
@@ -304,7 +304,9 @@ def test_a_driver_that_hangs_is_told_once(tmp_path: Path) -> None:
     told: list[str] = []
     began = time.monotonic()
     with RecordingWriter(tmp_path / "hung.mcap", RecordingMetadata("hung")) as episode:
-        Recorder(episode, Hanging(), notify=told.append, stall_s=0.3).run(lambda: time.monotonic() - began > 1.0)
+        recorder = Recorder(episode, Hanging(), notify=told.append, stall_s=0.3)
+        with recorder.opened():
+            recorder.write(lambda: time.monotonic() - began > 1.0)
     assert told == ["nothing has arrived from a camera that hangs for 0.3 s; check it and its cable"]
 
 
@@ -327,7 +329,6 @@ def written_video(path: Path, codec: str, size: tuple[int, int] = (64, 48)) -> b
 
 
 def zeroed(content: bytes, share: float, count: int) -> bytes:
-    """Overwrite some bytes in the middle with zeros."""
     start = int(share * len(content))
     return content[:start] + bytes(count) + content[start + count :]
 

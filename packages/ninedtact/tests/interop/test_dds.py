@@ -14,10 +14,9 @@ from pathlib import Path
 from threading import Event, Thread, Timer
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-from small_sensor import DARK, RECORDED, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
+from small_sensor import DARK, RECORDED, UNTOUCHED, SkinCamera, image_folder, sensor_folder, sensor_on, wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import SourceNotOpen
@@ -69,18 +68,15 @@ class Running:
     """What a terminal is told."""
 
     def statuses(self, reader: DdsReader | None = None) -> list[dict[str, Any]]:
-        """Return what has arrived on `status` since the last call."""
         texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in (reader or self.status).take()]
         return [json_of(text) for text in texts]
 
     def until_status(self, is_wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        """Wait for such a status and return it."""
         found: list[dict[str, Any]] = []
         wait_until(lambda: bool(found.extend(filter(is_wanted, self.statuses())) or found))
         return found[0]
 
     def answer(self, command: str) -> dict[str, Any]:
-        """Send a command and return its answer."""
         self.command(command)
         return self.until_status(lambda status: status.get("command") == command)
 
@@ -363,10 +359,7 @@ def test_a_subscriber_that_stalls_does_not_stop_the_sensor(tmp_path: Path) -> No
 
 
 def test_the_command_publishes_two_sensors_under_their_names(tmp_path: Path) -> None:
-    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
-    images.mkdir()
-    for number in range(15):
-        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    folder, images = sensor_folder(tmp_path / "small"), image_folder(tmp_path / "images", *[100] * 15)
     named = [f"left={images}", f"right={images}", "--sensor", f"left={folder}", f"right={folder}"]
     words = ["--source", *named, "--loop", "--force", "none", "--interface", INTERFACE, "--domain", str(DOMAIN)]
     start = [sys.executable, "-m", "ninedtact", "ros2", *words]

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from small_sensor import DARK, RAW_SHAPE, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin
+from small_sensor import DARK, RAW_SHAPE, UNTOUCHED, SkinCamera, image_folder, sensor_folder, sensor_on
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -63,7 +63,6 @@ def messages(tmp_path: Path) -> SensorMessages:
 
 @contextmanager
 def served(messages: SensorMessages, camera: SkinCamera) -> Iterator[FoxgloveServer]:
-    """A server of the small sensor on a camera."""
     sensor, over = sensor_on(camera), Event()
     sensor.estimator = Doubtful()
 
@@ -120,7 +119,6 @@ def decode(channel: dict[str, Any], data: bytes) -> Any:
 
 
 def received(port: int) -> dict[str, tuple[bytes, Any]]:
-    """One message of every topic, as it is and decoded."""
     with client(port) as connection:
         assert "Sec-WebSocket-Extensions" not in connection.response.headers  # compression would take too long
         channels = announced_channels(connection)
@@ -254,7 +252,6 @@ PANEL_SCHEMAS = {
 
 
 def paths_in(config: Any) -> set[str]:
-    """All topics of a panel's settings, with the fields that it takes from them."""
     if isinstance(config, str):
         return {config} if config.startswith("/") else set()
     parts = [*config, *config.values()] if isinstance(config, dict) else config if isinstance(config, list) else []
@@ -276,10 +273,8 @@ def require_shown(layout: dict[str, Any], channels: dict[str, dict[str, Any]]) -
 
 
 def test_the_command_serves_and_writes_the_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder, images, layout = sensor_folder(tmp_path / "small"), tmp_path / "images", tmp_path / "layout.json"
-    images.mkdir()
-    for number in range(12):
-        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
+    folder, layout = sensor_folder(tmp_path / "small"), tmp_path / "layout.json"
+    images = image_folder(tmp_path / "images", *[100] * 12)
     words = ["--source", str(images), "--sensor", str(folder), "--force", "none", "--loop", "--port", "0"]
     words += ["--layout", str(layout)]
     start = [sys.executable, "-m", "ninedtact", "foxglove", *words]

@@ -21,7 +21,6 @@ RUNS_S = 3.0
 
 
 def simulated_lines(page: str) -> list[list[str]]:
-    """The arguments of each line of a page that takes the simulated sensor."""
     lines = command_lines((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8"))
     return [words[1:] for words in lines if words[0] == "ninedtact" and any(word.endswith("sim") for word in words)]
 
@@ -36,7 +35,6 @@ LINES = [
 
 @pytest.fixture(scope="session")
 def simulated_sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a simulated sensor, calibrated as the pages say."""
     folder = tmp_path_factory.mktemp("simulated") / "my_sensor"
     assert main(["calibrate", "--source", "sim", "--out", str(folder)]) == 0
     assert not folder.with_name("my_sensor_images").exists()  # where images are kept if something fails

@@ -16,11 +16,10 @@ from pathlib import Path
 from textwrap import dedent
 from threading import Event, Thread
 
-import cv2
 import msgspec
 import numpy as np
 import pytest
-from small_sensor import DARK, SHAPE, UNTOUCHED, SkinCamera, sensor_folder, sensor_on, skin, wait_until
+from small_sensor import DARK, SHAPE, UNTOUCHED, SkinCamera, image_folder, sensor_folder, sensor_on, skin, wait_until
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -263,23 +262,9 @@ def test_a_port_in_use_is_refused() -> None:
 
 
 def test_the_command_prints_where_it_serves(tmp_path: Path) -> None:
-    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
-    images.mkdir()
-    for number in range(12):
-        cv2.imwrite(str(images / f"{number:02}.png"), skin(100))
-    words = [
-        "--source",
-        str(images),
-        "--sensor",
-        str(folder),
-        "--force",
-        "none",
-        "--loop",
-        "--port",
-        "0",
-        "--tcp-port",
-        "0",
-    ]
+    folder, images = sensor_folder(tmp_path / "small"), image_folder(tmp_path / "images", *[100] * 12)
+    words = ["--source", str(images), "--sensor", str(folder), "--force", "none", "--loop"]
+    words += ["--port", "0", "--tcp-port", "0"]
     start = [sys.executable, "-m", "ninedtact", "serve", *words]
     with subprocess.Popen(start, stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None

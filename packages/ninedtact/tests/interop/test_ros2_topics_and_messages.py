@@ -8,7 +8,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from small_sensor import RECORDED, SHAPE, SkinCamera, sensor_folder, skin
+from small_sensor import RECORDED, SHAPE, SkinCamera, image_folder, sensor_folder, skin
 
 from ninedtact import cli
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -161,10 +161,8 @@ def test_what_ros2_cannot_do_is_refused_in_one_sentence(
     tmp_path: Path,
 ) -> None:
     pytest.importorskip("cyclonedds", reason="the extra 'ros2' is not installed")
-    folder = sensor_folder(tmp_path / "small")
-    (tmp_path / "images").mkdir()
-    cv2.imwrite(str(tmp_path / "images" / "0.png"), skin(100))
-    words = ["ros2", "--source", str(tmp_path / "images"), "--sensor", str(folder), "--force", "none", *options]
+    folder, images = sensor_folder(tmp_path / "small"), image_folder(tmp_path / "images", 100)
+    words = ["ros2", "--source", str(images), "--sensor", str(folder), "--force", "none", *options]
     assert cli.main(words) == 1
     assert sentence in capsys.readouterr().err.strip().splitlines()[-1]
     assert cli.main(["ros2", "--source", "left=0", "right=1", "--name", "hand"]) == 1

@@ -28,7 +28,6 @@ def noise(number: int, shape: tuple[int, ...] = SHAPE) -> np.ndarray:
 
 
 def frame(number: int) -> Frame:
-    """One image of thirty a second."""
     return Frame(noise(number), BEGAN_NS + number * FRAME_NS, number)
 
 

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,7 +33,6 @@ ALL = (12, 200)
 
 
 def summary_of(path: Path) -> Summary:
-    """The summary of a finished file, as the MCAP library reads it."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None and summary.statistics is not None
@@ -42,7 +40,6 @@ def summary_of(path: Path) -> Summary:
 
 
 def make_old(path: Path) -> None:
-    """Let a file be an hour old: nobody writes it."""
     os.utime(path, (time.time() - 3600,) * 2)
 
 
@@ -175,7 +172,6 @@ def test_a_recording_that_is_being_written_is_read_and_is_not_said_to_be_cut(
 
 @contextmanager
 def disk_of(size: int) -> Iterator[None]:
-    """While the block runs, no file may grow beyond this."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -306,7 +302,7 @@ def test_labels_replace_each_other_and_leave_everything_else_as_it_was(tmp_path:
     assert edit_labelled_spans(path, lambda spans: [*spans, SLIDE]) == [PUSH, SLIDE]
     with Recording(path) as recording:
         assert recording.is_finished and not recording.is_repaired and recording.spans() == [PUSH, SLIDE]
-        attachments = list(recording.attachments())
+        attachments = list(recording.file.attachments())
         assert [one.name for one in attachments] == ["sensor/sensor.toml", "spans.json"]
         assert attachments[-1].log_time == max(recording.stamps_ns(Topic.IMAGES))
     assert messages_of(path) == before and summary_of(path).channels == channels
@@ -317,7 +313,6 @@ def test_labels_replace_each_other_and_leave_everything_else_as_it_was(tmp_path:
 
 
 def messages_of(path: Path) -> list[Message]:
-    """All messages, as the MCAP library reads them."""
     with path.open("rb") as file:
         return [message for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
 
@@ -334,12 +329,3 @@ def test_labels_of_a_recording_that_was_cut_short_are_written_with_its_whole_cop
     with Recording(cut) as recording:
         assert recording.is_finished and recording.is_repaired and recording.spans() == [PUSH]
     assert read_beginning(cut) == ALL
-
-
-def test_labels_that_two_threads_add_are_all_kept(tmp_path: Path) -> None:
-    path = write_episode(tmp_path / "shared.mcap", 2, 2)
-    spans = [LabelledSpan(BEGAN_NS + number, BEGAN_NS + number + 1, f"span {number}") for number in range(12)]
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda span: edit_labelled_spans(path, lambda before: [*before, span]), spans))
-    with Recording(path) as recording:
-        assert recording.spans() == spans

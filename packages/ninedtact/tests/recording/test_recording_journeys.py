@@ -54,7 +54,6 @@ def sensor(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def untouched_images(folder: Path, sensor: Path, images: int) -> Path:
-    """Write noisy images of the skin without contact."""
     folder.mkdir()
     untouched, rng = cv2.imread(str(sensor / "untouched.png")), np.random.default_rng(0)
     for number in range(images):
@@ -436,7 +435,6 @@ def test_a_clock_that_is_set_meanwhile_is_told_and_stamps_continue(
 
 
 def untouched_video(path: Path, sensor: Path, images: int) -> Path:
-    """A video of the skin without contact."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (640, 480))
     for _ in range(images):
         writer.write(cv2.imread(str(sensor / "untouched.png")))
@@ -574,5 +572,7 @@ class Waiting(Camera):
 def test_images_that_were_read_before_the_end_are_written(tmp_path: Path) -> None:
     camera = Waiting(10.0)
     with RecordingWriter(tmp_path / "stopped.mcap", RecordingMetadata("stopped")) as episode:
-        Recorder(episode, camera).run(lambda: camera.has_delivered.wait(timeout=5))
+        recorder = Recorder(episode, camera)
+        with recorder.opened():
+            recorder.write(lambda: camera.has_delivered.wait(timeout=5))
     assert episode.written[Topic.IMAGES] == 20

@@ -71,7 +71,7 @@ def test_everything_comes_back_as_it_was(tmp_path: Path) -> None:
         (pair,) = read.labels()
         assert np.array_equal(pair.wrench.six, SIX) and vars(pair) | {"wrench": 0} == vars(mark) | {"wrench": 0}
         assert read.events() == [RecordingEvent(BEGAN_NS + 5 * FRAME_NS, RecordingEventKind.DROPPED, "3"), event]
-        (attachment,) = read.attachments()
+        (attachment,) = read.file.attachments()
         assert (attachment.name, attachment.data) == ("sensor/images/ball.png", b"\0\1")
 
 

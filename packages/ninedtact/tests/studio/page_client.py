@@ -30,6 +30,7 @@ from ninedtact.studio.sensor_page import SensorPage
 from ninedtact.studio.viewer import PanelFactory, ViewerPage
 
 PROTOCOL = f"viser-v{viser.__version__}"
+LOCAL = SocketGuard("127.0.0.1")
 
 
 class PageClient:
@@ -68,7 +69,6 @@ class PageClient:
                 self.messages.append(message)
 
     def send(self, message: dict[str, Any]) -> None:
-        """Send one message."""
         self.socket.send(msgspec.msgpack.encode(message))
 
     def control(self, label: str) -> Any:
@@ -90,7 +90,6 @@ class PageClient:
         self.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}})
 
     def upload(self, label: str, name: str, content: bytes) -> None:
-        """Choose a file at an upload button."""
         ids = {"source_component_uuid": self.control(label).uuid, "transfer_uuid": name + str(time.monotonic_ns())}
         size = {"part_count": 1, "size_bytes": len(content)}
         self.send({"type": "FileTransferStartUpload", "filename": name, "mime_type": "model/stl"} | ids | size)
@@ -118,25 +117,21 @@ class PageClient:
         return any(text in str(getattr(one, "content", "")) for one in list(self.controls.values()) if one.visible)
 
     def give_command(self, label: str) -> None:
-        """Press the key of a command."""
         command = self.until_sent(
             lambda one: one["type"] == "RegisterCommandMessage" and one["props"]["label"] == label
         )
         self.send({"type": "CommandTriggerMessage", "uuid": command["uuid"]})
 
     def click_on_scene(self, x_mm: float, y_mm: float, modifier: str | None = None) -> None:
-        """Click on a place of the plane of the skins, seen from above."""
         ray = {"ray_origin": (x_mm, y_mm, 50.0), "ray_direction": (0.0, 0.0, -1.0), "screen_pos": [(0.5, 0.5)]}
         self.send({"type": "ScenePointerMessage", "event_type": "click", "modifier": modifier} | ray)
 
     def drag_handle(self, position: tuple[float, float, float], wxyz: tuple[float, float, float, float]) -> None:
-        """Send one pose of the 3D handle while it is dragged."""
         handle = self.until_sent(lambda one: one["type"] == "TransformControlsMessage")
         names = {"name": handle["name"], "owner": handle["owner"]}
         self.send({"type": "TransformControlsUpdateMessage", "position": position, "wxyz": wxyz} | names)
 
     def end_drag(self) -> None:
-        """Let the 3D handle go."""
         handle = self.until_sent(lambda one: one["type"] == "TransformControlsMessage")
         self.send({"type": "TransformControlsDragEndMessage", "name": handle["name"], "owner": handle["owner"]})
 
@@ -181,7 +176,7 @@ def served_page(
     guard: SocketGuard | None = None,
 ) -> Iterator[ServedPage]:
     """Serve the page of sensors, which are read already."""
-    with page_server("127.0.0.1", 0, guard) as server:
+    with page_server(guard or LOCAL) as server:
         controller = PageController(sensors, out, quota)
         block = gel_block_under_skin(sensors[0].poller.sensor.shape, Gel())
         yield ServedPage(server, controller, SensorPage(server, controller, block, "small", panels))

@@ -48,7 +48,6 @@ CONTROLS = """() => {
 
 
 def controls_of(tab: Any) -> list[dict[str, Any]]:
-    """The controls that are on the page now."""
     return list(tab.evaluate(CONTROLS))
 
 
@@ -79,7 +78,6 @@ def use_every_control(
 
 
 def _follow(tab: Any, refresh: Callable[[], None], until: Callable[[], bool]) -> None:
-    """Refresh the page until it has followed."""
     give_up_at = time.monotonic() + PATIENCE_S
     while not until():
         assert time.monotonic() < give_up_at, f"expected the page to follow, got:\n{tab.inner_text('body')}"
@@ -88,7 +86,6 @@ def _follow(tab: Any, refresh: Callable[[], None], until: Callable[[], bool]) ->
 
 
 def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None], used: set[str]) -> None:
-    """Use one control as a person does."""
     element = tab.locator(f"[data-walk={_quoted(control['key'])}]").first
     if control["role"] in ("button", "checkbox"):
         element.dispatch_event("click")
@@ -171,12 +168,10 @@ def _overlap(one: dict[str, Any], other: dict[str, Any]) -> bool:
 
 
 def panels_of(tab: Any) -> list[str]:
-    """The names of all panels that are tabs."""
     return [label.inner_text().strip() for label in tab.get_by_role("tab").all()]
 
 
 def open_every_panel(tab: Any, refresh: Callable[[], None], then: Callable[[str], None]) -> None:
-    """Open each panel by its tab, and do something there."""
     for name in panels_of(tab):
         open_panel(tab, name)
         for _ in range(3):

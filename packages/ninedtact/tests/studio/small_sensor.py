@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event
 
+import cv2
 import numpy as np
 
 from ninedtact.calibration.save import to_sensor_toml
@@ -54,8 +55,15 @@ def skin(level: int) -> np.ndarray:
     return image
 
 
+def image_folder(path: Path, *levels: int) -> Path:
+    """A new folder of images of skins."""
+    path.mkdir()
+    for number, level in enumerate(levels):
+        cv2.imwrite(str(path / f"{number:02}.png"), skin(level))
+    return path
+
+
 def sensor_folder(path: Path) -> Path:
-    """The same sensor on disk."""
     path.mkdir()
     (path / SENSOR_FILE).write_bytes(to_sensor_toml(RECORDED))
     return path
@@ -96,7 +104,6 @@ class SkinCamera(FrameSource):
 
 
 def wait_until(is_true: Callable[[], bool], limit_s: float = 60.0, pause_s: float = 0.002) -> None:
-    """Until the other threads have done it."""
     give_up_at = time.monotonic() + limit_s
     while not is_true():
         assert time.monotonic() < give_up_at

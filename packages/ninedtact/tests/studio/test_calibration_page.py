@@ -11,7 +11,7 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from page_client import page_client
+from page_client import LOCAL, page_client
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
@@ -47,7 +47,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(brow
         for w, h in ((1280, 800), (390, 844))
     )
     errors, cameras = (page_errors(desk), page_errors(phone)), {"sim": "simulated sensor"}
-    with page_server("127.0.0.1", 0) as server, session:
+    with page_server(LOCAL) as server, session:
         page = CalibrationPage(server, session, lambda: cameras, camera)
 
         def wait(is_true: Callable[[], bool]) -> None:
@@ -146,9 +146,9 @@ def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
 
 def test_the_live_page_follows_at_the_same_address(tmp_path: Path) -> None:
     pages = GuidedPages(CalibrationPageOptions(host="0.0.0.0", port=1234), "0")
-    sensor, settings = pages.live_page(load_sensor(sensor_folder(tmp_path / "small")))
+    sensor = pages.live_sensor(load_sensor(sensor_folder(tmp_path / "small")))
     assert sensor.folder.id == "small" and sensor.live.sensor.source.name == "camera 0"
-    assert (settings.host, settings.port, settings.guard) == ("0.0.0.0", 1234, pages.guard)
+    assert (pages.guard.host, pages.port) == ("0.0.0.0", 1234)
     assert (
         not sensor.estimates_force and sensor.live.simulation is None
     )  # a sensor without a twin has no force by physics

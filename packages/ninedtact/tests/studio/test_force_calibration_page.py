@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from height_observation import HeightObservationModel
-from page_client import PageClient, page_client
+from page_client import LOCAL, PageClient, page_client
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
@@ -76,7 +76,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
     errors = page_errors(desk), page_errors(phone)
     withheld_g = {400.0}  # until a person has taken over: otherwise this load may be captured before
     session.on_load = lambda grams: camera.offer(ball_press_under_load(0.0 if grams in withheld_g else grams))
-    with page_server("127.0.0.1", 0) as server:
+    with page_server(LOCAL) as server:
         page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0, camera, STIFFNESS)
 
         def wait(is_true: Callable[[], bool]) -> None:
@@ -175,7 +175,7 @@ def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it
             camera.offer(ball_press_under_load(grams))
 
     session.on_load = put_on
-    with page_server("127.0.0.1", 0) as server:
+    with page_server(LOCAL) as server:
         page = ForceCalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, 4.0)
         with page_client(server) as one, page_client(server) as other:
             session.start()
@@ -198,8 +198,6 @@ def test_a_press_is_dropped_once_and_a_load_that_still_rests_is_not_taken_for_it
 
 
 def remove_button(client: PageClient) -> Any:
-    """The button that names a press, once it is there."""
-
     def found() -> list[Any]:
         return [one for one in client.controls.values() if str(getattr(one, "label", "")).startswith("Remove press 2")]
 

@@ -9,9 +9,8 @@ from subprocess import PIPE
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
-import cv2
 import pytest
-from small_sensor import sensor_folder, skin
+from small_sensor import image_folder, sensor_folder
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.cli.live import Live
@@ -23,11 +22,7 @@ CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'vi
 
 @pytest.fixture
 def images(tmp_path: Path) -> Path:
-    folder = tmp_path / "images"
-    folder.mkdir()
-    for number in range(3):
-        cv2.imwrite(str(folder / f"{number}.png"), skin(100))
-    return folder
+    return image_folder(tmp_path / "images", 100, 100, 100)
 
 
 def test_on_a_network_the_printed_address_is_the_only_one(tmp_path: Path, images: Path) -> None:

@@ -6,7 +6,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
-from page_client import PageClient, page_client, served_small_page
+from page_client import LOCAL, PageClient, page_client, served_small_page
 from playwright.sync_api import Browser
 from reading_clients import open_panel, page_errors
 from small_sensor import SkinCamera, wait_until
@@ -76,7 +76,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
 def test_each_browser_chooses_a_dark_page_for_itself(tmp_path: Path, is_guided: bool) -> None:
     with ExitStack() as opened:
         if is_guided:
-            server = opened.enter_context(page_server("127.0.0.1", 0))
+            server = opened.enter_context(page_server(LOCAL))
             session = CalibrationSession(SwitchableCamera(lambda address: SkinCamera(), "0"), tmp_path)
             GuidedPageLayout(server, session, lambda: {"0": "a camera"}, "Calibration").serve()
         else:
@@ -88,7 +88,6 @@ def test_each_browser_chooses_a_dark_page_for_itself(tmp_path: Path, is_guided: 
 
 
 def theme(browser: PageClient) -> bool:
-    """Whether the page is dark now."""
     return bool(browser.until_sent(lambda one: one["type"] == "ThemeConfigurationMessage")["dark_mode"])
 
 
@@ -96,18 +95,18 @@ def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as other,
         pytest.raises(DeviceError, match=r"free for the page, got one in use; choose another with --port"),
-        page_server("127.0.0.1", other.getsockname()[1]),
+        page_server(LOCAL, other.getsockname()[1]),
     ):
         pass
 
 
 def test_of_several_ports_the_next_free_one_is_taken() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other, page_server("127.0.0.1", 0) as first:
+    with socket.create_server(("127.0.0.1", 0)) as other, page_server(LOCAL) as first:
         ports = [other.getsockname()[1], first.port]
-        with closing(PageServer(SocketGuard.for_host("127.0.0.1"))) as server:
+        with closing(PageServer(LOCAL)) as server:
             with pytest.raises(DeviceError, match="got one in use"):
-                server.listen("127.0.0.1", ports)
-            server.listen("127.0.0.1", [*ports, 0])
+                server.listen(ports)
+            server.listen([*ports, 0])
             assert server.port not in ports
 
 
@@ -116,5 +115,8 @@ def test_of_several_ports_the_next_free_one_is_taken() -> None:
     [("no.such.host.invalid", 0), ("no.such.host.invalid", None), ("127.0.0.1", 70_000), ("127.0.0.1", -1)],
 )
 def test_a_place_that_does_not_exist_is_refused(host: str, port: int | None) -> None:
-    with pytest.raises(DeviceError, match=r"expected port .*, got .*; choose another"), page_server(host, port):
+    with (
+        pytest.raises(DeviceError, match=r"expected port .*, got .*; choose another"),
+        page_server(SocketGuard(host), port),
+    ):
         pass

@@ -146,9 +146,11 @@ def test_what_is_not_the_present_is_faded_until_the_camera_is_back(stage: Stage)
         assert faded.image(ImageKind.HEIGHT).mean() < 0.5 * bright.image(ImageKind.HEIGHT).mean()
         points = [view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED).colours for view in (bright, faded)]
         assert points[1].mean() < 0.5 * points[0].mean()
-        stage.camera.plugged_in = True
+        wait_until(lambda: stage.loop.snapshot(time.monotonic_ns()).delivered_hz == 0)
+        assert stage.loop.snapshot(0).reading is faded.reading
+        stage.camera.level, stage.camera.plugged_in = 50, True
         wait_until(lambda: stage.says("live"))
-        assert not stage.screen.views[-1].is_past
+        assert stage.sees(2.0) and not stage.screen.views[-1].is_past
 
 
 def test_nothing_is_drawn_while_nobody_looks(stage: Stage) -> None:

@@ -101,7 +101,6 @@ class Bench:
         self.kept: list[Reading] = []
 
     def press(self, levels: list[int]) -> None:
-        """Read and record an image of every level."""
         for level in levels:
             self.camera.level = level
             time.sleep(0.02)
@@ -142,7 +141,6 @@ def player_of(path: Path, bench: Bench) -> RecordingPlayer:
 
 
 def moment_of(player: RecordingPlayer) -> SensorMoment:
-    """What is shown of the only sensor of a recording."""
     (moment,) = player.moment(NEWEST).sensors
     return moment
 
@@ -392,7 +390,6 @@ def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(record
 
 
 def is_open(path: Path) -> bool:
-    """Whether this program has a file open."""
     links = Path("/proc/self/fd").iterdir()
     return any(os.path.realpath(link) == str(path.resolve()) for link in links)
 
@@ -447,7 +444,6 @@ _NO_LABEL = f"expected a label to remove, got '{WHOLE}'; choose one first"
 
 
 def recordings_page(bench: Bench, out: Path) -> AbstractContextManager[ServedPage]:
-    """The page of a sensor with the recorder of the bench."""
     panel = partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder, bench.recorder))
     return served_small_page(out, [panel], quota=bench.quota, on_reading=bench.recorder.add)
 
@@ -498,7 +494,7 @@ def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded:
     path, bench = recorded
     player = player_of(path, bench)
     whole = moment_of(player).view
-    player.sensors[0].readings.recording.message = lambda position: (_ for _ in ()).throw(  # type: ignore[method-assign]
+    player.sensors[0].readings.recording.file.message = lambda position: (_ for _ in ()).throw(  # type: ignore[method-assign]
         RecordingUnreadable("expected it as it was recorded, got damaged data at byte 7; restore it")
     )
     player.step(1)
@@ -511,14 +507,18 @@ def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, 
     path, bench = recorded
     scale, shape = full_range_colour_scale(bench.folder.shape), bench.folder.shape
     with RecordedReadings(path, shape) as readings:
-        assert save_surface_sequence(readings.readings(2, 4), tmp_path / "ply", bench.quota) == 3
+        save_surface_sequence(map(readings.reading, range(2, 5)), tmp_path / "ply", bench.quota)
         assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
-        assert save_video(readings.readings(), scale, 69.6971, tmp_path / "all.mp4", bench.quota) == 8
+        save_video(map(readings.reading, range(len(readings))), scale, 69.6971, tmp_path / "all.mp4", bench.quota)
         video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
         assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
         for write in (
-            lambda quota: save_surface_sequence(readings.readings(), tmp_path / "too" / "many", quota),
-            lambda quota: save_video(readings.readings(), scale, 10.0, tmp_path / "too" / "long.mp4", quota),
+            lambda quota: save_surface_sequence(
+                map(readings.reading, range(len(readings))), tmp_path / "too" / "many", quota
+            ),
+            lambda quota: save_video(
+                map(readings.reading, range(len(readings))), scale, 10.0, tmp_path / "too" / "long.mp4", quota
+            ),
         ):
             with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
                 write(SaveQuota(disk_share=0.0))
@@ -543,7 +543,7 @@ def test_recordings_of_the_command_line_are_played_too(tmp_path: Path) -> None:
             out.write_image(camera.read())
     assert empty_wrench_histories(path, folder.shape) == []
     with RecordedReadings(path, folder.shape) as readings:
-        depths = [reading.max_indentation_mm for reading in readings.readings()]
+        depths = [reading.max_indentation_mm for reading in map(readings.reading, range(len(readings)))]
     np.testing.assert_allclose(depths, [0.0] * 11 + [1.0] * 3, atol=0.02)
 
 

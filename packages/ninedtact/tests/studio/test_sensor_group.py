@@ -12,13 +12,12 @@ from functools import partial
 from pathlib import Path
 from subprocess import PIPE
 
-import cv2
 import numpy as np
 import pytest
 from page_client import PageClient, ServedPage, served_page
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
-from small_sensor import SkinCamera, sensor_folder, sensor_on, skin, wait_until
+from small_sensor import SkinCamera, image_folder, sensor_folder, sensor_on, wait_until
 from test_recordings_on_page import Bench, ScaledForce
 
 from ninedtact.calibration.sensor_folder import load_sensor
@@ -96,7 +95,6 @@ def gripper(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Gripper]
 def moment_with(
     name: str, force_z_n: float, std_n: float, tone: str = "live", source: str = "estimated"
 ) -> SensorMoment:
-    """The moment of a sensor with one wrench."""
     sample = WrenchWithUncertainty(Wrench(np.array([0.1, 0.2, force_z_n]), np.zeros(3)), np.full(6, std_n))
     wrench = WrenchSourceSnapshot(source, "by hand", sample, (), 0, states_errors=True)
     snapshot = SensorSnapshot(SensorPhase.READING, None, 0, 0.0, 0.0, np.zeros((2, 0)))
@@ -182,7 +180,6 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
 
 
 def is_visible(client: PageClient, number: int) -> bool:
-    """Whether a sensor stands in the scene."""
     sent = [one for one in client.messages if one["type"] == "SetSceneNodeVisibilityMessage"]
     return next((one["visible"] for one in reversed(sent) if one["name"] == f"/sensor_{number}"), True)
 
@@ -304,9 +301,7 @@ def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other
 ) -> None:
     folder, path = sensor_folder(tmp_path / "small"), tmp_path / "two.mcap"
     for name, count in (("left", 3), ("right", 60)):
-        (tmp_path / name).mkdir()
-        for number in range(count):
-            cv2.imwrite(str(tmp_path / name / f"{number:02d}.png"), skin(100 - number))
+        image_folder(tmp_path / name, *range(100, 100 - count, -1))
     sources = [f"{name}={tmp_path / name}" for name in ("left", "right")]
     sensors = [f"{name}={folder}" for name in ("left", "right")]
     assert main(["record", "--source", *sources, "--sensor", *sensors, "--out", str(path)]) == 0
@@ -326,10 +321,7 @@ def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other
 
 
 def test_live_shows_named_sources_until_ctrl_c(tmp_path: Path) -> None:
-    folder, images = sensor_folder(tmp_path / "small"), tmp_path / "images"
-    images.mkdir()
-    for number in range(3):
-        cv2.imwrite(str(images / f"{number}.png"), skin(100))
+    folder, images = sensor_folder(tmp_path / "small"), image_folder(tmp_path / "images", 100, 100, 100)
     options = ["--source", f"left={images}", f"right={images}", "--sensor", f"left={folder}", f"right={folder}"]
     command = [sys.executable, "-m", "ninedtact", "live", *options, "--loop", "--port", "0"]
     live = subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True)

@@ -4,15 +4,14 @@ import threading
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hand_fed import HandFed
-from small_sensor import SHAPE, UNTOUCHED, SkinCamera, sensor_on, skin, wait_until
+from small_sensor import SHAPE, UNTOUCHED, SkinCamera, image_folder, sensor_on, skin, wait_until
 
-from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, RepeatingSource
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback
 from ninedtact.capture.frame_source import ImageFolder
-from ninedtact.capture.reconnecting import ReconnectingFrameSource
+from ninedtact.capture.reconnecting import ReconnectingFrameSource, RepeatingSource
 from ninedtact.errors import CameraError
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.quantities import Frame
@@ -65,16 +64,6 @@ def test_nobody_looking_holds_nothing_up() -> None:
     assert len(seconds) > 50 and (np.diff(seconds) > 0).all() and seconds[-1] <= 0 and np.abs(depths_mm).max() < 0.01
 
 
-def test_the_untouched_skin_is_the_first_images_until_another_is_taken() -> None:
-    camera = SkinCamera()
-    with SensorPoller(sensor_on(camera)) as loop:
-        wait_until(lambda: deepest_mm(loop) == pytest.approx(0.0, abs=0.01))
-        camera.level = 75
-        wait_until(lambda: deepest_mm(loop) == pytest.approx(1.0, abs=0.01))
-        loop.take_reference()
-        wait_until(lambda: deepest_mm(loop) == pytest.approx(0.0, abs=0.01))
-
-
 def test_a_dark_reference_is_refused_in_words_and_tried_again() -> None:
     camera = SkinCamera()
     camera.level = 3
@@ -83,21 +72,6 @@ def test_a_dark_reference_is_refused_in_words_and_tried_again() -> None:
         assert now_in(loop).phase is SensorPhase.REFERENCE and now_in(loop).reading is None
         camera.level = UNTOUCHED
         wait_until(lambda: sentence(loop).startswith("live"))
-
-
-def test_a_lost_camera_is_said_and_found_again() -> None:
-    camera = SkinCamera()
-    with SensorPoller(sensor_on(ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0))) as loop:
-        wait_until(lambda: sentence(loop).startswith("live"))
-        camera.plugged_in = False
-        wait_until(lambda: sentence(loop).startswith("no image for"))
-        assert "unplugged? reconnecting" in sentence(loop)
-        last = now_in(loop).reading
-        wait_until(lambda: now_in(loop).delivered_hz == 0)
-        assert now_in(loop).reading is last
-        camera.level, camera.plugged_in = 50, True
-        wait_until(lambda: sentence(loop).startswith("live"))
-        assert deepest_mm(loop) == pytest.approx(2.0, abs=0.01)
 
 
 def test_a_computer_that_is_too_slow_is_not_taken_for_an_unplugged_camera() -> None:
@@ -142,9 +116,7 @@ def test_images_that_are_all_too_old_to_be_read_are_said_too() -> None:
 
 
 def recording(folder: Path, *levels: int) -> ImageFolder:
-    for number, level in enumerate(levels):
-        cv2.imwrite(str(folder / f"{number}.png"), skin(level))
-    return ImageFolder(folder)
+    return ImageFolder(image_folder(folder / "images", *levels))
 
 
 def test_a_recording_ends_with_its_last_image(tmp_path: Path) -> None:

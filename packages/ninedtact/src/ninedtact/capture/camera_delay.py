@@ -9,7 +9,6 @@ ms) for a screen, and nothing for an LED.
 import os
 import tomllib
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -166,13 +165,7 @@ class SimulatedDelayedCamera(FrameSource):
         return Frame(np.clip(np.rint(noise), 0, 255).astype(np.uint8), stamp_ns, index)
 
 
-def measure_camera_delay(
-    camera: FrameSource,
-    light: LightSwitch,
-    seconds: float = 15.0,
-    seed: int = 0,
-    on_progress: Callable[[float], None] = lambda elapsed_s: None,
-) -> CameraDelay:
+def measure_camera_delay(camera: FrameSource, light: LightSwitch, seconds: float = 15.0) -> CameraDelay:
     """Switch the light for some seconds and return the delay of the open camera; the light is off before and afterwards.
 
     Raises `CameraError`, `InputError`, and what reading the camera raises.
@@ -183,18 +176,17 @@ def measure_camera_delay(
             got=f"{camera.name}, which is recorded",
             remedy="give a live camera",
         )
-    rng, switches, is_over = np.random.default_rng(seed), [], Event()
+    rng, switches, is_over = np.random.default_rng(0), [], Event()
     began_at, is_on = monotonic(), False
     with ThreadPoolExecutor(1, f"brightness of {camera.name}") as pool:
         reading = pool.submit(_read_brightness, camera, is_over)
         try:
             light.switch(False)
-            while not reading.done() and (elapsed_s := monotonic() - began_at) < seconds:
+            while not reading.done() and monotonic() - began_at < seconds:
                 sleep(rng.uniform(_SHORTEST_S, _LONGEST_S))
                 before_ns, is_on = monotonic_ns(), not is_on
                 light.switch(is_on)
                 switches.append((before_ns, monotonic_ns()))
-                on_progress(elapsed_s)
             sleep(_LONGEST_S)
         finally:
             is_over.set()

@@ -1,25 +1,15 @@
 """Wrappers that pace a source: `LatestFrameSource` returns the newest frame of a live source, `LivePlayback` plays a recording
-at its own rate, `RepeatingSource` starts it again when it ends. `DelayCorrectedSource` subtracts the camera's delay from the
-stamps.
+at its own rate. `DelayCorrectedSource` subtracts the camera's delay from the stamps.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from threading import Condition, Event, Lock, Thread
-from types import TracebackType
-from typing import NamedTuple
+from threading import Condition, Event, Thread
 
-from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceEnded, SourceIncomplete, SourceNotOpen
+from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceIncomplete, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
-
-
-class Arrival(NamedTuple):
-    """The stamp and the index of a frame that a source has delivered."""
-
-    stamp_ns: int
-    frame_index: int
 
 
 class NoRecentFrame(CameraError):
@@ -30,8 +20,7 @@ class LatestFrameSource(FrameSourceWrapper):
     """Reads another source in the background and returns its newest frame, so that a slow reader lags by one frame at most.
 
     Each frame is returned at most once and none older than `max_age_ms`; frames that nobody read are counted as dropped.
-    A recording plays at its `recorded_hz` and a slow reader misses frames of it, as it would of a camera; read the
-    recording itself to get every one. An error of the source is raised to the reader, after the last recent frame.
+    An error of the source is raised to the reader, after the last recent frame. A recording should be paced (`LivePlayback`).
 
         with LatestFrameSource(camera_or_file_source("0")) as camera:
             frame = camera.read()
@@ -41,13 +30,12 @@ class LatestFrameSource(FrameSourceWrapper):
         super().__init__(source)
         self.dropped = 0
         """Frames that were too old or replaced by a newer one before anybody read them."""
-        self.newest_arrival: Arrival | None = None
+        self.newest_frame: Frame | None = None
         """The newest frame of the source, read or not, also one that is too old to be read; None before the first."""
         self._max_age_ms, self._timeout_ms = max_age_ms, timeout_ms
         self._changed = Condition()
         self._unread: Frame | None = None
         self._error: BaseException | None = None
-        self._error_origin: TracebackType | None = None
         self._closing = Event()
         self._thread: Thread | None = None
 
@@ -56,7 +44,7 @@ class LatestFrameSource(FrameSourceWrapper):
         if self._thread is not None:
             return
         self._source.open()
-        self.dropped, self._unread, self._error, self.newest_arrival = 0, None, None, None
+        self.dropped, self._unread, self._error, self.newest_frame = 0, None, None, None
         self._closing = Event()
         self._thread = Thread(target=self._fetch, name=f"fetch {self.name}", daemon=True)
         self._thread.start()
@@ -69,7 +57,7 @@ class LatestFrameSource(FrameSourceWrapper):
         with self._changed:
             while (frame := self._take_recent()) is None:
                 if self._error is not None:
-                    raise self._error.with_traceback(self._error_origin)
+                    raise self._error.with_traceback(None)
                 if time.monotonic() >= give_up_at:
                     raise self._no_recent_frame(self.dropped - dropped_before)
                 self._changed.wait(give_up_at - time.monotonic())
@@ -94,7 +82,7 @@ class LatestFrameSource(FrameSourceWrapper):
         return NoRecentFrame(
             expected=f"a new image from {self.name}",
             got=f"{got} within {self._timeout_ms / 1000:g} s",
-            remedy=f"{remedy}",
+            remedy=remedy,
         )
 
     def _take_recent(self) -> Frame | None:
@@ -106,20 +94,17 @@ class LatestFrameSource(FrameSourceWrapper):
 
     def _fetch(self) -> None:
         end: BaseException = SourceNotOpen(self.name)
-        period_s = 1 / self._source.recorded_hz if self._source.recorded_hz else 0.0
-        due_at = time.monotonic()
         try:
-            while not self._closing.wait(due_at - time.monotonic()):
+            while not self._closing.is_set():
                 frame = self._source.read()
                 with self._changed:
                     self.dropped += self._unread is not None
-                    self._unread, self.newest_arrival = frame, Arrival(frame.stamp_ns, frame.index)
+                    self._unread = self.newest_frame = frame
                     self._changed.notify_all()
-                due_at = max(due_at + period_s, time.monotonic() - period_s)
         except BaseException as error:  # handed to the thread that reads
             end = end if self._closing.is_set() else error
         with self._changed:
-            self._error, self._error_origin = end, end.__traceback__
+            self._error = end
             self._changed.notify_all()
 
 
@@ -180,45 +165,3 @@ class DelayCorrectedSource(FrameSourceWrapper):
         """Return the next frame with its corrected stamp."""
         frame = self._source.read()
         return replace(frame, stamp_ns=frame.stamp_ns - self._delay_ns)
-
-
-class RepeatingSource(FrameSourceWrapper):
-    """Wraps a source and starts it again when it ends; frame indices continue to count."""
-
-    def __init__(self, source: FrameSource) -> None:
-        super().__init__(source)
-        self._is_open = False
-        self._opening = Lock()
-
-    def open(self) -> None:
-        """Open the source; raises what the source raises."""
-        with self._opening:
-            if self._is_open:
-                return
-            self._source.open()
-            self._is_open = True
-            self._first_index = self._next_index = 0
-
-    def read(self) -> Frame:
-        """Return the next image; the first one follows the last."""
-        try:
-            frame = self._source.read()
-        except SourceEnded:
-            self._start_over()
-            frame = self._source.read()
-        self._next_index = self._first_index + frame.index + 1
-        return replace(frame, index=self._next_index - 1)
-
-    def close(self) -> None:
-        """Close the source that is repeated."""
-        with self._opening:
-            self._is_open = False
-            self._source.close()
-
-    def _start_over(self) -> None:
-        with self._opening:
-            if not self._is_open:
-                raise SourceNotOpen(self.name)
-            self._source.close()
-            self._source.open()
-        self._first_index = self._next_index

@@ -79,6 +79,5 @@ class NetworkStream(AddressedFrameSource):
 
 
 def _url_without_password(url: str) -> str:
-    """Return the URL as it may be shown and logged."""
     parts = urlsplit(url)
     return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()

@@ -1,4 +1,4 @@
-"""Sources that survive an unplugged cable: they report the loss once and continue when the device is back."""
+"""Sources that survive an unplugged cable, reporting the loss once, and recordings that start again when they end."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,6 +10,7 @@ from ninedtact.capture.frame_source import (
     FrameSource,
     FrameSourceWrapper,
     Inner,
+    SourceEnded,
     SourceNotOpen,
     SourceWrapper,
 )
@@ -27,8 +28,8 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
     wrong name should be reported at once.
     """
 
-    _absence: ClassVar[type[Exception]]
-    """The error that the source raises on opening while its device is missing."""
+    _absence: ClassVar[type[Exception] | tuple[()]]
+    """The error that the source raises on opening while its device is missing; none where it cannot be missing."""
 
     def __init__(
         self,
@@ -38,22 +39,19 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
         retry_ms: float = 500.0,
     ) -> None:
         super().__init__(source)
-        self.losses = 0
-        """How often the device was lost since the source was opened."""
         self._on_lost, self._on_back = on_lost, on_back
         self._retry_s = retry_ms / 1000
         self._closing, self._opening = Event(), Lock()
         self._is_open = False
 
     def open(self) -> None:
-        """Open the source; raises what it raises."""
         with self._opening:
             if self._is_open:
                 return
             self._closing.clear()
             self._source.open()
             self._is_open = True
-            self._start_counting()
+            self._first_index = self._next_index = 0
 
     def close(self) -> None:
         """Close the source, and end a wait for the device."""
@@ -62,14 +60,10 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
             self._is_open = False
             self._source.close()
 
-    def _start_counting(self) -> None:
-        self.losses = 0
-
     def _wait_until_back(self, loss: Loss) -> None:
         """Report the loss and return when the device is open again; raises `SourceNotOpen` when closed meanwhile."""
         if self._closing.is_set():
             raise SourceNotOpen(self.name)
-        self.losses += 1
         self._on_lost(loss)
         self._source.close()
         while not self._try_to_open():
@@ -89,26 +83,37 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
         return True
 
 
-class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraLost], FrameSourceWrapper):
+class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraError], FrameSourceWrapper):
     """Reads another source and reopens it after `CameraLost`; meanwhile `read` waits, so put `LatestFrameSource` around it."""
 
-    _absence = CameraError
-
-    def _start_counting(self) -> None:
-        super()._start_counting()
-        self._first_index = self._next_index = 0
+    _loss: ClassVar[type[CameraError]] = CameraLost
+    _absence: ClassVar[type[Exception] | tuple[()]] = CameraError
 
     def read(self) -> Frame:
         """Wait for the next frame, however long the camera is away; indices continue over the gap."""
         while True:
             try:
                 frame = self._source.read()
-            except CameraLost as loss:
+            except self._loss as loss:
                 self._wait_until_back(loss)
                 self._first_index = self._next_index
             else:
                 self._next_index = self._first_index + frame.index + 1
                 return replace(frame, index=self._next_index - 1)
+
+
+class RepeatingSource(ReconnectingFrameSource):
+    """Reads a recording and starts it again when it ends; frame indices continue to count."""
+
+    _loss, _absence = SourceEnded, ()
+
+    def __init__(self, source: FrameSource) -> None:
+        super().__init__(source, self._require_images, retry_ms=0.0)
+
+    def _require_images(self, end: CameraError) -> None:
+        """Raise the end of a recording that has no image."""
+        if self._next_index == self._first_index:
+            raise end
 
 
 class ReconnectingWrenchSource(_ReconnectingSource[WrenchSource, WrenchSensorLost], WrenchSourceWrapper):

@@ -200,12 +200,10 @@ class _PropertySetting:
     remedy: str = "ask for a value that the camera has (`v4l2-ctl --list-ctrls` shows them), or leave it out"
 
     def is_in_force(self, capture: VideoCaptureProtocol) -> bool:
-        """Return whether the camera reports one of the accepted values."""
         got = capture.get(self.prop)
         return any(math.isclose(got, value, abs_tol=self.tolerance) for value in self.accepted)
 
     def try_values(self, capture: VideoCaptureProtocol) -> None:
-        """Set the accepted values one after the other until the camera takes one."""
         for value in self.accepted:
             if capture.set(self.prop, value) and self.is_in_force(capture):
                 return
@@ -336,7 +334,6 @@ def _device_path(device: int | str) -> Path:
 
 
 def _exposure_limits_ms(path: Path) -> tuple[float, float]:
-    """Return the shortest and the longest exposure that a device reports, or those of usual cameras."""
     if sys.platform != "linux":
         return _USUAL_EXPOSURE_MS
     request = bytearray(_CONTROL_BYTES)

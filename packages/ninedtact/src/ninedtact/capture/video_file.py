@@ -1,4 +1,4 @@
-"""A video file as a source of frames. Read directly it delivers every image as fast as it is requested; under `LatestFrameSource`
+"""A video file as a source of frames. Read directly it delivers every image as fast as it is requested; under `LivePlayback`
 it plays at `recorded_hz`.
 
 OpenCV delivers a damaged video without an error: it leaves out images that cannot be decoded and scales those of another size. So

@@ -12,7 +12,7 @@ from time import sleep
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
-from ninedtact.cli.serve_sensor_page import PageSensor, PageSettings, require_page_libraries, serve_sensor_page
+from ninedtact.cli.serve_sensor_page import PageSensor, require_page_libraries, serve_sensor_page
 from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.live_sensor import assemble_live_sensor
@@ -133,8 +133,8 @@ class GuidedPages:
                 self._serve_live(load_sensor(folder.path), force)
         return session.saved
 
-    def live_page(self, folder: "SensorFolder", force: str | None = None) -> tuple[PageSensor, PageSettings]:
-        """Return the live page of a calibrated sensor, at the address of its calibration.
+    def live_sensor(self, folder: "SensorFolder", force: str | None = None) -> PageSensor:
+        """Return a calibrated sensor on its source, for the live page.
 
         force: estimator that it shows; without it physics, which a sensor needs a twin for.
         """
@@ -142,11 +142,11 @@ class GuidedPages:
         force = force or (NONE if folder.record.twin is None else PHYSICS)
         camera = camera_settings(self.automatic)
         live = assemble_live_sensor(folder, self.source, settings=camera, estimator=force, notify=print_notice)
-        return PageSensor(folder, live), PageSettings(_READINGS, _LIVE_HZ, self.guard.host, self.port, guard=self.guard)
+        return PageSensor(folder, live)
 
     def _serve_live(self, folder: "SensorFolder", force: str | None = None) -> None:
-        sensor, settings = self.live_page(folder, force)
-        serve_sensor_page([sensor], settings, ends=False)
+        sensor = self.live_sensor(folder, force)
+        serve_sensor_page([sensor], self.guard, self.port, _READINGS, _LIVE_HZ, ends=False)
 
     def _switchable_camera(
         self, list_cameras: "Callable[[], dict[str, str]]", simulated: "SimulatedCalibrationCamera | None"
@@ -172,7 +172,7 @@ class GuidedPages:
         from ninedtact.studio.guided_page import REFRESH_HZ
         from ninedtact.studio.page_server import page_server
 
-        with page_server(self.options.host, self.port, self.guard) as server, session, stop_on_signal() as stop:
+        with page_server(self.guard, self.port) as server, session, stop_on_signal() as stop:
             page, self.port = make_page(server), server.port
             print(f"{what}: open {self.guard.page_address(server.port)} in a browser; Ctrl-C ends", flush=True)
             while not (stop.now or any(event.is_set() for event in wanted)):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.cli.serve_sensor_page import (
     PageSensor,
-    PageSettings,
     require_display_rate,
     require_page_libraries,
     serve_sensor_page,
@@ -66,22 +65,19 @@ class Demo:
         refuse_design_beside_sensor(self.sensor, self.design_file)
         require_display_rate(self.display_hz)
         require_page_libraries()
+        from ninedtact.live.socket_guard import SocketGuard
+
+        guard = SocketGuard.for_host(self.host, self.allow_origin)
         self.out.mkdir(parents=True, exist_ok=True)
         folder = self.folder
         sources = demo_sources(self.twin, self.resolved_rounds)
         live = assemble_live_sensor(folder, sources, follow_reference=False, estimator=self.force)
-        settings = PageSettings(
-            self.out,
-            self.display_hz,
-            self.host,
-            self.port,
-            self.allow_origin,
-            opens_browser=self.browser,
-        )
         if self.rounds is None and self.resolved_rounds is not None:
             print("without a terminal the demo ends after one round; --rounds gives more", flush=True)
         with suppress(KeyboardInterrupt):
-            serve_sensor_page([PageSensor(folder, live)], settings)
+            serve_sensor_page(
+                [PageSensor(folder, live)], guard, self.port, self.out, self.display_hz, opens_browser=self.browser
+            )
         print(f"stopped after {live.sensor.frames_read} images; the sensor is in {folder.path}")
         return 0
 

@@ -11,7 +11,6 @@ import tyro
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import (
     PageSensor,
-    PageSettings,
     require_display_rate,
     require_page_libraries,
     serve_sensor_page,
@@ -70,6 +69,9 @@ class Live:
         """Serve the page until Ctrl-C."""
         require_page_libraries()
         require_display_rate(self.display_hz)
+        from ninedtact.live.socket_guard import SocketGuard
+
+        guard = SocketGuard.for_host(self.host, self.allow_origin)
         named = self.named_sources()
         with ExitStack() as opened:
             parts = []
@@ -87,10 +89,9 @@ class Live:
                     notify=print_notice,
                 )
                 parts.append(PageSensor(folder, live, name))
-            settings = PageSettings(self.out, self.display_hz, self.host, self.port, self.allow_origin)
             ends = all(address == SIMULATED for address, _ in named.values())
             with suppress(KeyboardInterrupt):
-                serve_sensor_page(parts, settings, ends)
+                serve_sensor_page(parts, guard, self.port, self.out, self.display_hz, ends)
         counts = [f"{part.live.sensor.frames_read} images" + f" of {part.name}" * bool(part.name) for part in parts]
         print(f"stopped after {', '.join(counts)}")
         return 0
@@ -165,7 +166,7 @@ class Play:
         columns = {address: empty_wrench_histories(Path(address), one.shape) for address, one in folders.items()}
         folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
         guard = SocketGuard.for_host(self.host, self.allow_origin)
-        with page_server(self.host, self.port, guard) as server:
+        with page_server(guard, self.port) as server:
             # These sensors are never opened: every viewer is shown a moment of the recording in their place.
             sensors = [
                 DisplayedSensor(

@@ -246,7 +246,7 @@ class Foxglove:
         ):
             if self.layout is not None:
                 write_file_atomically(self.layout, json.dumps(foxglove_layout(ros_name(folder.id)), indent=2).encode())
-            print(f"{live.sensor.source.name}: {server.address}; Ctrl-C ends", flush=True)
+            print(f"{live.sensor.source.name}: {server.guard.websocket_address(server.port)}; Ctrl-C ends", flush=True)
             for moment in watch_sensor(live.sensor, lambda: until.now, print_notice):
                 server.publish(moment)
                 served += moment.new_reading is not None

@@ -27,24 +27,6 @@ _MAX_DISPLAY_HZ = 120.0
 
 
 @dataclass(frozen=True)
-class PageSettings:
-    """Address, rate and output folder of a page."""
-
-    out: Path
-    """Folder for the readings that are saved from the page."""
-    display_hz: float
-    host: str
-    port: int | None
-    """Port of the page; None takes the default one or the next that is free."""
-    allow_origin: tuple[str, ...] = ()
-    """Websites that may use the page besides the page itself."""
-    guard: "SocketGuard | None" = None
-    """The rules by which requests are accepted; None takes those of the host and the allowed websites."""
-    opens_browser: bool = False
-    """Whether the page is opened in a browser, where a person sits at a terminal on a computer with a screen."""
-
-
-@dataclass(frozen=True)
 class PageSensor:
     """A sensor of a page, on its source and not yet opened."""
 
@@ -61,11 +43,22 @@ class PageSensor:
         return not isinstance(self.live.sensor.estimator, NoForceEstimator)
 
 
-def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends: bool = True) -> None:
-    """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended."""
+def serve_sensor_page(
+    parts: Sequence[PageSensor],
+    guard: "SocketGuard",
+    port: int | None,
+    out: Path,
+    display_hz: float,
+    ends: bool = True,
+    opens_browser: bool = False,
+) -> None:
+    """Serve the page of one or several sensors until Ctrl-C, or with `ends` until the last round of their twins has ended.
+
+    port: None takes the default one or the next that is free. out: folder for what is saved from the page. opens_browser: whether
+    the page is opened in a browser, where a person sits at a terminal on a computer with a screen.
+    """
     from ninedtact.live.reading_recorder import RecordedSensorMetadata
     from ninedtact.live.sensor_poller import SensorPhase
-    from ninedtact.live.socket_guard import SocketGuard
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
     from ninedtact.studio.page_controller import PageController
     from ninedtact.studio.page_server import page_server
@@ -75,8 +68,7 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
     from ninedtact.studio.sensor_page import SensorPage
 
     with ExitStack() as opened:
-        guard = settings.guard or SocketGuard.for_host(settings.host, settings.allow_origin)
-        server = opened.enter_context(page_server(settings.host, settings.port, guard))
+        server = opened.enter_context(page_server(guard, port))
         recorded = [
             RecordedSensorMetadata(
                 part.folder,
@@ -88,10 +80,10 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
             for part in parts
         ]
         quota = SaveQuota()
-        recorder = quota.new_recorder(recorded, settings.out)
+        recorder = quota.new_recorder(recorded, out)
         opened.callback(recorder.stop)
         shown = [_open_displayed_sensor(opened, part, number, recorder) for number, part in enumerate(parts)]
-        controller, first = PageController(shown, settings.out, quota), parts[0].folder
+        controller, first = PageController(shown, out, quota), parts[0].folder
         page = SensorPage(
             server,
             controller,
@@ -102,14 +94,14 @@ def serve_sensor_page(parts: Sequence[PageSensor], settings: PageSettings, ends:
         sources = ", ".join(f"{part.name}: " * bool(part.name) + part.live.sensor.source.name for part in parts)
         address = guard.page_address(server.port)
         print(f"{sources}: open {address} in a browser; Ctrl-C ends", flush=True)
-        if settings.opens_browser and can_open_browser():
+        if opens_browser and can_open_browser():
             webbrowser.open(address)
 
         def is_over() -> bool:
             return ends and all(one.poller.snapshot(monotonic_ns()).phase is SensorPhase.ENDED for one in shown)
 
         with stop_on_signal() as stop:
-            controller.run(page, settings.display_hz, lambda: stop.now or is_over())
+            controller.run(page, display_hz, lambda: stop.now or is_over())
 
 
 def can_open_browser() -> bool:

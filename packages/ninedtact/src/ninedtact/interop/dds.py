@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass as idl_dataclass
 from functools import cache
 from socket import if_nameindex
-from types import TracebackType, new_class
+from types import new_class
 from typing import Any
 
 from ninedtact.errors import DeviceError, InputError
@@ -78,7 +78,6 @@ def wrap_cdr_in_dds_type(message_type: str, cdr: bytes) -> Any:
 
 
 def _dds_field(node: Any) -> Any:
-    """Return the type of one field in the words of cyclonedds."""
     from cyclonedds.idl import types
     from rosbags.interfaces import Nodetype
 
@@ -132,22 +131,21 @@ class DdsParticipant:
             ) from error
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._participant, self._configured = None, None
 
     def writer(self, path: str, message_type: str, profile: QosProfile) -> "DdsWriter":
         """Return a writer on a topic of ROS 2."""
         from cyclonedds.pub import DataWriter
 
-        qos = _qos(profile, _depth(path, profile))
-        return DdsWriter(DataWriter(self._participant, self._topic(path, message_type), qos), message_type)
+        topic = self._topic(path, message_type)
+        return DdsWriter(DataWriter(self._participant, topic, _qos(path, profile)), message_type)
 
     def reader(self, path: str, message_type: str, profile: QosProfile) -> "DdsReader":
         """Return a reader of a topic of ROS 2."""
         from cyclonedds.sub import DataReader
 
-        qos = _qos(profile, _depth(path, profile))
-        return DdsReader(DataReader(self._participant, self._topic(path, message_type), qos))
+        return DdsReader(DataReader(self._participant, self._topic(path, message_type), _qos(path, profile)))
 
     def _topic(self, path: str, message_type: str) -> Any:
         from cyclonedds.topic import Topic as DdsTopic
@@ -178,16 +176,12 @@ def resolve_domain(domain: int | None) -> int:
     return int(text)
 
 
-def _depth(path: str, profile: QosProfile) -> int:
-    """Return how many messages of a topic are kept."""
-    return _STATUS_DEPTH if path.endswith(f"/{STATUS}") else _DEPTHS[profile]
-
-
-def _qos(profile: QosProfile, depth: int) -> Any:
-    """Return a quality of service in the words of cyclonedds."""
+def _qos(path: str, profile: QosProfile) -> Any:
+    """Return the quality of service of a topic in the words of cyclonedds."""
     from cyclonedds.qos import Policy, Qos
     from cyclonedds.util import duration
 
+    depth = _STATUS_DEPTH if path.endswith(f"/{STATUS}") else _DEPTHS[profile]
     is_best_effort = profile is QosProfile.SENSOR_DATA
     reliable = Policy.Reliability.Reliable(duration(milliseconds=_LONGEST_WRITE_MS))
     history, unlimited = Policy.History.KeepLast(depth), -1

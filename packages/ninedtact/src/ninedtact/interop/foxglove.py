@@ -13,7 +13,6 @@ front before it passes on what the guard of the live page accepts (`live.socket_
 import json
 from collections.abc import Callable
 from time import monotonic_ns
-from types import TracebackType
 from typing import Any
 
 import foxglove
@@ -68,7 +67,6 @@ class FoxgloveServer:
         """What was logged last, and its message."""
 
     def _channel(self, topic: str) -> foxglove.Channel:
-        """Return the channel of a topic with its schema."""
         if topic in self._json:
             encoding, schema = "json", _json_schema(topic, _JSON_PROPERTIES[topic])
         elif topic == LOG:
@@ -78,11 +76,6 @@ class FoxgloveServer:
             encoding, schema = "cdr", foxglove.Schema(name=kind, encoding="ros2msg", data=message_definition(kind))
         path = self._messages.path(topic)
         return foxglove.Channel(path, message_encoding=encoding, schema=schema, context=self._context)
-
-    @property
-    def address(self) -> str:
-        """Address to open in Foxglove, with the token."""
-        return self.guard.websocket_address(self.port)
 
     def __enter__(self) -> "FoxgloveServer":
         self._host = hidden_loopback_address()
@@ -102,7 +95,7 @@ class FoxgloveServer:
             raise
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._thread.close()
         self._server.stop()
 
@@ -110,9 +103,7 @@ class FoxgloveServer:
         with port_errors(self.guard.host, self.port, "readings"):
             guarded = self.guard.serve(
                 self._connect,
-                self.guard.host,
                 self.port,
-                is_expected=lambda message: isinstance(message, str),
                 subprotocols=SUBPROTOCOLS,
                 compression=None,  # which takes longer than sending
             )
@@ -120,11 +111,10 @@ class FoxgloveServer:
         self.port = next(iter(front.sockets)).getsockname()[1]
 
     async def _connect(self, client: ServerConnection) -> None:
-        """Pass the messages of a client on to the server, and those of the server to the client, until one of them ends."""
-
         async def pass_to_server(server: ClientConnection) -> None:
             async for message in client:
-                await server.send(message)
+                if isinstance(message, str):
+                    await server.send(message)
 
         await relay(client, f"ws://{self._host}:{self._server.port}", SUBPROTOCOLS[0], pass_to_server)
 
@@ -262,7 +252,6 @@ _HEIGHTS_M = {"minValue": -0.002, "maxValue": 0.0005}
 
 
 def _plot(sensor: str, title: str, **labels: str) -> dict[str, Any]:
-    """Return a plot of vectors of the wrench, each named with its label for one axis."""
     series = [
         {"value": f"/{sensor}/wrench.{name}.{axis}", "label": label.format(axis), "enabled": True}
         for name, label in labels.items()

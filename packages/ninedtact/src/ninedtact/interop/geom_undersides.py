@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -31,25 +31,12 @@ _PARALLEL = 1e-9
 """Component of the vertical along an axis below which lines count as perpendicular to it."""
 
 
-@dataclass(frozen=True)
 class Solid(ABC):
     """A solid in the sensor frame."""
-
-    centre_mm: Vector
-    rotation: Rotation
-    """The matrix whose columns are the solid's axes in the sensor frame."""
-    size_mm: tuple[float, ...]
-    """Half sides, half axes, or radius and half length, as MuJoCo counts them."""
 
     @abstractmethod
     def lowest_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Return the height of the underside at positions on the skin, infinite where there is none."""
-
-    def _own_lines(self, x_mm: Heights, y_mm: Heights) -> "_Lines":
-        """Return the vertical lines in the solid's own frame, from where they cross the undeformed skin."""
-        away = (x_mm - self.centre_mm[0], y_mm - self.centre_mm[1], -self.centre_mm[2])
-        starts = [sum(self.rotation[row, axis] * away[row] for row in range(3)) for axis in range(3)]
-        return _Lines(starts, self.rotation[2].tolist())
 
 
 @dataclass(frozen=True)
@@ -94,52 +81,43 @@ def _first_entry_mm(*intervals: Interval) -> Any:
 
 
 @dataclass(frozen=True)
-class EllipsoidSolid(Solid):
-    """An ellipsoid with three half axes; a sphere has three equal ones."""
+class ConvexSolid(Solid):
+    """An ellipsoid or box, or a cylinder or capsule along its own z axis."""
+
+    shape: Literal["ellipsoid", "box", "cylinder", "capsule"]
+    centre_mm: Vector
+    rotation: Rotation
+    """The matrix whose columns are the solid's axes in the sensor frame."""
+    size_mm: Sequence[float]
+    """Half axes or half sides; of a cylinder or capsule radius and half length, as MuJoCo counts them."""
 
     def lowest_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """Return the lower half of its surface."""
-        return _first_entry_mm(self._own_lines(x_mm, y_mm).through_quadric(self.size_mm))
-
-
-@dataclass(frozen=True)
-class BoxSolid(Solid):
-    """A box with three half sides."""
-
-    def lowest_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """Return the faces that are seen from below."""
+        """Return what is seen of its surface from below."""
         lines = self._own_lines(x_mm, y_mm)
-        return _first_entry_mm(*(lines.through_slab(axis, half) for axis, half in enumerate(self.size_mm)))
-
-
-@dataclass(frozen=True)
-class CylinderSolid(Solid):
-    """A cylinder along its own z axis: radius and half length."""
-
-    def lowest_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """Return the shell and the ends that are seen from below."""
-        lines, (radius, half) = self._own_lines(x_mm, y_mm), self.size_mm
-        return _first_entry_mm(lines.through_quadric((radius, radius)), lines.through_slab(2, half))
-
-
-@dataclass(frozen=True)
-class CapsuleSolid(Solid):
-    """A cylinder along its own z axis with half balls at both ends: radius and half length of the cylinder."""
-
-    def lowest_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
-        """Return the shell and the half balls that are seen from below."""
-        lines, (radius, half) = self._own_lines(x_mm, y_mm), self.size_mm
+        if self.shape == "ellipsoid":
+            return _first_entry_mm(lines.through_quadric(self.size_mm))
+        if self.shape == "box":
+            return _first_entry_mm(*(lines.through_slab(axis, half) for axis, half in enumerate(self.size_mm)))
+        radius, half = self.size_mm
         shell = _first_entry_mm(lines.through_quadric((radius, radius)), lines.through_slab(2, half))
+        if self.shape == "cylinder":
+            return shell
         ends = (_first_entry_mm(lines.through_quadric((radius,) * 3, end)) for end in (-half, half))
         return np.minimum.reduce([shell, *ends])
+
+    def _own_lines(self, x_mm: Heights, y_mm: Heights) -> "_Lines":
+        """Return the vertical lines in the solid's own frame, from where they cross the undeformed skin."""
+        away = (x_mm - self.centre_mm[0], y_mm - self.centre_mm[1], -self.centre_mm[2])
+        starts = [sum(self.rotation[row, axis] * away[row] for row in range(3)) for axis in range(3)]
+        return _Lines(starts, self.rotation[2].tolist())
 
 
 @dataclass(frozen=True)
 class MeshSolid(Solid):
-    """A triangle mesh, whose own vertices need not be convex."""
+    """A triangle mesh, which need not be convex."""
 
     triangles_mm: Float[Array, "triangles 3 3"]
-    """The corners of the triangles in the solid's own frame."""
+    """The corners of the triangles in the sensor frame."""
 
     def lowest_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
         """Return what of the mesh is seen from below, bilinear on a grid of 0.2 mm."""
@@ -150,11 +128,11 @@ class MeshSolid(Solid):
     @cached_property
     def _raster(self) -> tuple[HeightGridIndenter, tuple[float, float], float]:
         """The heights over the lowest point, the (x, y) of their middle, and the lowest height."""
-        turned = self.triangles_mm @ self.rotation.T + self.centre_mm
-        turned = turned[turned[..., 2].min(axis=1) < turned[..., 2].min() + _MESH_REACH_MM]
-        flat = turned[..., :2].reshape(-1, 2)
+        lowest = self.triangles_mm[..., 2].min(axis=1)
+        triangles = self.triangles_mm[lowest < lowest.min() + _MESH_REACH_MM]
+        flat = triangles[..., :2].reshape(-1, 2)
         x, y = ((flat.min(axis=0) + flat.max(axis=0)) / 2).tolist()
-        heights = rasterize_lowest_mm(turned, MESH_PITCH_MM)
+        heights = rasterize_lowest_mm(triangles, MESH_PITCH_MM)
         base = float(heights.min())
         return HeightGridIndenter("mesh", np.minimum(heights - base, NO_OBJECT_MM), MESH_PITCH_MM), (x, y), base
 

@@ -127,6 +127,8 @@ class TactileSensor(FrameSource):
     is_open: bool = field(default=False, init=False)
     _press_before: _PressStep | None = field(default=None, init=False, repr=False)
     _frames: int = field(default=0, init=False)
+    _twins: dict[float, Twin] = field(default_factory=dict, init=False, repr=False)
+    """Twins by friction, because each prepares its skin once."""
     _scene_wrench: Wrench = field(default_factory=lambda: Wrench(np.zeros(3), np.zeros(3)), init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -230,15 +232,9 @@ class TactileSensor(FrameSource):
         return _PressStep(solved, leader, tried[-1][0], stiffness)
 
     def _twin_with_friction(self, friction: float) -> Twin:
-        """Return the twin with the friction of the scene."""
         if friction not in self._twins:
             self._twins[friction] = replace(self.twin, friction=friction)
         return self._twins[friction]
-
-    @cached_property
-    def _twins(self) -> dict[float, Twin]:
-        """Twins by friction, because each prepares its skin once."""
-        return {}
 
     def _require_depth_within_gel(self, touching: list[BodyContact]) -> None:
         """Refuse bodies that overlap the gel by more than its thickness; raises `SimulationError`."""
@@ -312,7 +308,6 @@ def _pose_now(
 
 
 def _sideways(vector: Vector) -> Vector:
-    """Return the part of a vector along the skin."""
     return np.array([*vector[:2], 0.0])
 
 

@@ -1,23 +1,14 @@
 """What a MuJoCo scene says of a sensor: the bodies on its gel, with place, shape and force in the sensor frame."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
-from ninedtact.interop.geom_undersides import (
-    BoxSolid,
-    CapsuleSolid,
-    CylinderSolid,
-    EllipsoidSolid,
-    MeshSolid,
-    Rotation,
-    Solid,
-    Vector,
-)
+from ninedtact.interop.geom_undersides import ConvexSolid, MeshSolid, Rotation, Solid, Vector
 from ninedtact.quantities import Wrench
 
 MM_PER_M = 1e3
@@ -133,7 +124,6 @@ class MujocoScene:
     def _contact_of(
         self, body: int, parts: list[tuple[Array, Array, float, float, int]], frame: Any, origin: Any
     ) -> BodyContact:
-        """Return the sum of one body's contacts."""
         sixes, places, frictions, overlaps, geoms = (np.array(column) for column in zip(*parts, strict=True))
         six, loads = sixes.sum(axis=0), np.maximum(-sixes[:, 2], 0.0) + 1e-9
         return BodyContact(
@@ -184,29 +174,26 @@ class MujocoScene:
         frame, kinds = self.rotation_of(self.body), mujoco.mjtGeom
         rotation = frame.T @ np.array(self.data.geom_xmat[geom]).reshape(3, 3)
         centre = frame.T @ (MM_PER_M * (self.data.geom_xpos[geom] - self.data.xpos[self.body])) + lag_mm
-        size, kind = (MM_PER_M * self.model.geom_size[geom]).tolist(), self.model.geom_type[geom]
-        if kind == kinds.mjGEOM_SPHERE:
-            return EllipsoidSolid(centre, rotation, (size[0],) * 3)
-        if kind == kinds.mjGEOM_ELLIPSOID:
-            return EllipsoidSolid(centre, rotation, tuple(size))
-        if kind == kinds.mjGEOM_BOX:
-            return BoxSolid(centre, rotation, tuple(size))
-        if kind == kinds.mjGEOM_CYLINDER:
-            return CylinderSolid(centre, rotation, tuple(size[:2]))
-        if kind == kinds.mjGEOM_CAPSULE:
-            return CapsuleSolid(centre, rotation, tuple(size[:2]))
+        size, kind = (MM_PER_M * self.model.geom_size[geom]).tolist(), kinds(self.model.geom_type[geom])
         if kind == kinds.mjGEOM_MESH:
-            return MeshSolid(centre, rotation, (), self._triangles_mm(int(self.model.geom_dataid[geom])))
+            triangles_mm = self._triangles_mm(int(self.model.geom_dataid[geom]))
+            return MeshSolid(triangles_mm @ rotation.T + centre)
+        if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+            return ConvexSolid("ellipsoid", centre, rotation, size if kind == kinds.mjGEOM_ELLIPSOID else size[:1] * 3)
+        if kind == kinds.mjGEOM_BOX:
+            return ConvexSolid("box", centre, rotation, size)
+        if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+            shape: Literal["cylinder", "capsule"] = "cylinder" if kind == kinds.mjGEOM_CYLINDER else "capsule"
+            return ConvexSolid(shape, centre, rotation, size[:2])
         name = self.model.body(self.model.geom_bodyid[geom]).name or "world"
         raise InputError(
             expected=f"body {name} to consist of spheres, ellipsoids, boxes, cylinders, capsules or meshes where "
             "it touches the gel",
-            got=f"a {kinds(kind).name.removeprefix('mjGEOM_').lower()}",
+            got=f"a {kind.name.removeprefix('mjGEOM_').lower()}",
             remedy="replace it, or keep it off the sensor",
         )
 
     def _triangles_mm(self, mesh: int) -> Float64[Array, "triangles 3 3"]:
-        """Return the triangles of a mesh of the scene in the frame of its geom."""
         if mesh not in self._meshes:
             vertex, face = self.model.mesh_vertadr[mesh], self.model.mesh_faceadr[mesh]
             vertices = self.model.mesh_vert[vertex : vertex + self.model.mesh_vertnum[mesh]].astype(float) * MM_PER_M

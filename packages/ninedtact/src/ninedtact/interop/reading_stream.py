@@ -16,7 +16,6 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import cached_property, partial
 from time import monotonic_ns
-from types import TracebackType
 from typing import Any, Literal, cast, get_args
 from urllib.parse import parse_qs, urlsplit
 
@@ -175,7 +174,6 @@ class _ClientQueue:
         self._missed = 0
 
     def add(self, message: _SharedMessage) -> None:
-        """Queue a message; where too many wait, the oldest is missed."""
         if self._waiting.full():
             self._missed += isinstance(self._waiting.get_nowait().source, Reading)
         self._waiting.put_nowait(message)
@@ -239,15 +237,13 @@ class ReadingServer:
         self._thread.start(self._listen())
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._thread.close()
 
     async def _listen(self) -> None:
         host, servers = self.guard.host, self._thread.servers
         with port_errors(host, self.port, "readings"):
-            guarded = self.guard.serve(
-                self._feed_websocket, host, self.port, is_expected=lambda _: False, process_request=_answer_request
-            )
+            guarded = self.guard.serve(self._feed_websocket, self.port, _answer_request)
             websocket = await servers.enter_async_context(guarded)
         with port_errors(host, self.tcp_port, "readings", "--tcp-port"):
             tcp = await asyncio.start_server(self._feed_tcp, host, self.tcp_port, limit=_REQUEST_BYTES)
@@ -256,7 +252,6 @@ class ReadingServer:
         self.tcp_port = tcp.sockets[0].getsockname()[1]
 
     def _end_tcp(self, server: asyncio.Server) -> None:
-        """Close the TCP server and end its clients."""
         server.close()
         for task in self._tcp_tasks:
             task.cancel()
@@ -328,7 +323,6 @@ class ReadingServer:
                 writer.transport.abort()
 
     async def _tcp_request(self, reader: asyncio.StreamReader) -> StreamRequest | StreamedError:
-        """Return the request of a TCP client, or why it is refused."""
         try:
             async with asyncio.timeout(_REQUEST_S):
                 line = await reader.readline()

@@ -15,7 +15,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
-from types import TracebackType
 from typing import BinaryIO
 
 import cv2
@@ -187,7 +186,7 @@ class _StreamWriter:
             os.close(writing_end)  # the stream has opened it anew
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stream.disconnect()
         self._thread.join()
 
@@ -204,7 +203,6 @@ class _StreamWriter:
 
 
 def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], None]) -> dict[str, int]:
-    """Log all readings, wrenches and warnings."""
     log.log_blueprint()
     wall_ns, readings = recording.metadata.wall_ns, 0
     stamps_ns: dict[int, int] = {}

@@ -7,15 +7,13 @@
 The publishing and the measuring thread wait for subscribers that stall; the sensor does not.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Event, Thread
 from time import monotonic, monotonic_ns
 from typing import Any
 
-from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.interop.dds import DdsParticipant
@@ -34,7 +32,8 @@ from ninedtact.interop.ros2_topics_and_messages import (
 from ninedtact.interop.sensor_sharing import watch_sensor
 from ninedtact.live.reading_recorder import ReadingRecorder, RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPoller, SensorSnapshot
-from ninedtact.quantities import Rectified
+from ninedtact.live.wrench_history import WrenchPoller
+from ninedtact.quantities import Rectified, Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import wall_time_ns
@@ -74,8 +73,6 @@ class SensorOnRos2:
     _reference: Rectified | None = field(default=None, init=False, repr=False)
     """The reference image that was published last, and when, in s."""
     _reference_at: float = field(default=-_REFERENCE_S, init=False)
-    _trouble: NinedtactError | None = field(default=None, init=False)
-    """Why no more measured wrenches arrive."""
 
     def __post_init__(self) -> None:
         meaning = "" if self.measured is None else self.measured_meaning or self.measured.name
@@ -94,11 +91,12 @@ class SensorOnRos2:
         self._transforms.write(self.messages.encode_static_transforms(wall_time_ns(monotonic_ns())))
         status_at = 0.0
         try:
-            with self._measuring():
+            source = self.measured
+            with nullcontext() if source is None else WrenchPoller(source, "", "", self._publish_measured) as measuring:
                 for moment in watch_sensor(self.sensor, should_stop, self.notify, self._recorder.add):
                     now = moment.snapshot
-                    if self._trouble is not None:
-                        raise self._trouble
+                    if measuring is not None and measuring.history.trouble is not None:
+                        raise measuring.history.trouble
                     if moment.new_reading is not None:
                         self.publish(moment.new_reading)
                     for command in self._commands.take():
@@ -124,42 +122,15 @@ class SensorOnRos2:
         self.published += 1
 
     def _publish_reference(self, reference: Rectified, wall_ns: int) -> None:
-        """Publish a new reference image for all who subscribe now or later."""
         if monotonic() - self._reference_at > _REFERENCE_S:
             self._reference, self._reference_at = reference, monotonic()
             self._writers[Topic.REFERENCE_GREY].write(self.messages.encode_reference(reference, wall_ns))
 
-    @contextmanager
-    def _measuring(self) -> Iterator[None]:
-        """Publish the samples of the force/torque sensor during the block; raises what opening it raises."""
-        if self.measured is None:
-            yield
-            return
-        over = Event()
-        self.measured.open()
-        thread = Thread(target=self._publish_measured, args=(self.measured, over), name="measure", daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            self.measured.close()
-            thread.join()
-
-    def _publish_measured(self, source: WrenchSource, over: Event) -> None:
+    def _publish_measured(self, wrench: Wrench) -> None:
+        self._recorder.add(wrench)
         writer = self._writers[Topic.MEASURED]
-        try:
-            while not over.is_set():
-                wrench = source.read()
-                self._recorder.add(wrench)
-                if writer.has_subscribers:
-                    wall_ns = wall_time_ns(wrench.stamp_ns)
-                    writer.write(self.messages.encode_measured(wrench, wall_ns))
-        except SourceEnded:
-            return
-        except NinedtactError as trouble:
-            if not over.is_set():
-                self._trouble = trouble
+        if writer.has_subscribers:
+            writer.write(self.messages.encode_measured(wrench, wall_time_ns(wrench.stamp_ns)))
 
     def _obey(self, message: bytes, poller: SensorPoller) -> dict[str, Any]:
         """Carry a command out and return the answer, with the command as text, which is empty where it cannot be decoded."""

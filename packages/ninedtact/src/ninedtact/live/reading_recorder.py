@@ -18,8 +18,8 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
-from ninedtact.recording.recorder import new_reading_writer, notify_partial_recording
-from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
+from ninedtact.recording.recorder import new_sensor_writer, notify_partial_recording
+from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 
 _WAITING_READINGS = 48
@@ -134,8 +134,10 @@ class ReadingRecorder:
         writers: list[RecordingWriter] = []
         for one in self.sensors:
             said = replace(first, name=one.name, source=one.source, force_torque=one.force_torque)
-            kinds, beside = (bool(one.force_torque), one.has_estimates), writers[0] if writers else None
-            writers.append(new_reading_writer(path, one.sensor, said, *kinds, self._topics, beside))
+            topics = {Topic.IMAGES, Topic.REFERENCE_GREY, *self._topics}
+            topics |= {Topic.MEASURED} if one.force_torque else set()
+            topics |= ESTIMATE_TOPICS if one.has_estimates else set()
+            writers.append(new_sensor_writer(path, one.sensor, said, topics, beside=next(iter(writers), None)))
         return writers
 
 
@@ -143,7 +145,6 @@ class _Recording:
     """One file, and the thread that writes it."""
 
     def __init__(self, path: Path, writers: list[RecordingWriter], on_growth: Callable[[int], None]) -> None:
-        """Create the file; raises `OutputError` or `RecordingStopped`."""
         self.path, self._writers, self._on_growth = path, writers, on_growth
         self.is_running, self._trouble = True, ""
         self._items: Queue[tuple[Reading | Wrench | LabelledSpan, int] | None] = Queue()
@@ -157,7 +158,6 @@ class _Recording:
         self._thread.start()
 
     def state(self) -> RecorderState:
-        """Return the present state."""
         written, label = self._writers[0].written, self._label
         return RecorderState(
             self.path,

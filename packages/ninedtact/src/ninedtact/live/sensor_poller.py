@@ -8,8 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from threading import Event, Lock, Thread
-from types import TracebackType
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -29,23 +27,17 @@ RATE_OVER_S = 2.0
 """Time over which rates are measured: long enough for a steady rate, short enough to show a camera that slows down."""
 
 
-class _Tick(NamedTuple):
-    """An event with its time; `number` counts all events from the first."""
-
-    at_ns: int
-    number: int
-
-
 class RateMeter:
     """Measures the events per second over the last two seconds."""
 
     def __init__(self) -> None:
-        self._ticks: deque[_Tick] = deque()
+        self._ticks: deque[tuple[int, int]] = deque()
+        """Time and number of each event; the number counts all events from the first."""
 
     def tick(self, at_ns: int, number: int) -> None:
         """Add an event, unless it has been added; numbers may skip events that were not seen."""
-        if not self._ticks or number > self._ticks[-1].number:
-            self._ticks.append(_Tick(at_ns, number))
+        if not self._ticks or number > self._ticks[-1][1]:
+            self._ticks.append((at_ns, number))
         self._forget(at_ns)
 
     def hz(self, now_ns: int) -> float:
@@ -53,11 +45,11 @@ class RateMeter:
         self._forget(now_ns)
         if len(self._ticks) < 2:
             return 0.0
-        first, last = self._ticks[0], self._ticks[-1]
-        return (last.number - first.number) / max((last.at_ns - first.at_ns) / NS_PER_S, 1e-9)
+        (first_ns, first), (last_ns, last) = self._ticks[0], self._ticks[-1]
+        return (last - first) / max((last_ns - first_ns) / NS_PER_S, 1e-9)
 
     def _forget(self, now_ns: int) -> None:
-        while self._ticks and now_ns - self._ticks[0].at_ns > RATE_OVER_S * NS_PER_S:
+        while self._ticks and now_ns - self._ticks[0][0] > RATE_OVER_S * NS_PER_S:
             self._ticks.popleft()
 
 
@@ -124,16 +116,18 @@ class SensorPoller:
         self._history, self._delivered, self._read = np.zeros((2, 0)), RateMeter(), RateMeter()
         """history: stamps in ns and maximum indentations in mm of the readings of the last `HISTORY_S` seconds."""
         self._lock = Lock()
-        self._closing, self._reference_wanted, self._changed = Event(), Event(), Event()
+        self._closing, self._reference_wanted = Event(), Event()
+        self.changed = Event()
+        """Set with every reading and state; whoever waits for several sensors shares one between them."""
         self._thread = Thread(target=self._run, name=f"read {sensor.source.name}", daemon=True)
 
     def snapshot(self, now_ns: int) -> SensorSnapshot:
         """Return the newest state; never waits for the sensor."""
         source = self.sensor.source
-        arrival = source.newest_arrival if isinstance(source, LatestFrameSource) else None
+        arrival = source.newest_frame if isinstance(source, LatestFrameSource) else None
         with self._lock:
             if arrival is not None:  # on a slow computer, readings are too rare to count by
-                self._delivered.tick(*arrival)
+                self._delivered.tick(arrival.stamp_ns, arrival.index)
             until_ns = self._heard_ns if self._phase is SensorPhase.ENDED else now_ns
             return SensorSnapshot(
                 self._phase,
@@ -149,12 +143,8 @@ class SensorPoller:
 
     def wait_for_change(self, timeout_s: float) -> None:
         """Wait for the next reading or state, or until the time is over; for one waiting thread."""
-        self._changed.wait(timeout_s)
-        self._changed.clear()
-
-    def notify(self, changed: Event) -> None:
-        """Set an event with every reading and state from now on, which whoever waits for several sensors shares between them."""
-        self._changed = changed
+        self.changed.wait(timeout_s)
+        self.changed.clear()
 
     def take_reference(self) -> None:
         """Make the next images the reference. Returns at once; the sensor thread retries until it succeeds."""
@@ -168,9 +158,7 @@ class SensorPoller:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.set()
         self.sensor.close()
         self._thread.join()
@@ -198,9 +186,8 @@ class SensorPoller:
                 self._take_reference()
             self._keep(self.sensor.read())
         except NoRecentFrame as trouble:
-            self._note(
-                self._phase, trouble
-            )  # `heard_ns` says since when, `arrived_ns` whether the computer is too slow
+            # `heard_ns` says since when, `arrived_ns` whether the computer is too slow.
+            self._note(self._phase, trouble)
         except ReferenceUnusable as refusal:
             self._note(SensorPhase.REFERENCE, refusal)
 
@@ -218,7 +205,7 @@ class SensorPoller:
             self._read.tick(arrived_ns, self.sensor.frames_read)
             recent = self._history[:, arrived_ns - self._history[0] <= HISTORY_S * NS_PER_S]
             self._history = np.column_stack([recent, (arrived_ns, deepest_mm)])
-        self._changed.set()
+        self.changed.set()
 
     def _after(self, end: SourceEnded) -> tuple[SensorPhase, BaseException | None]:
         if self._reading is not None:
@@ -234,4 +221,4 @@ class SensorPoller:
     def _note(self, phase: SensorPhase, trouble: BaseException | None) -> None:
         with self._lock:
             self._phase, self._trouble = phase, trouble
-        self._changed.set()
+        self.changed.set()

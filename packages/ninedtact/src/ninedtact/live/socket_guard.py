@@ -9,9 +9,7 @@ cross-site WebSockets. On a network the path must also begin with the random tok
 """
 
 import asyncio
-import ctypes
 import errno
-import gc
 import hmac
 import re
 import socket
@@ -41,12 +39,9 @@ _NO_ORIGIN = (
     "expected Origin to name the page, got null, which browsers state for a page in a file; serve the page from its folder, "
     "python -m http.server 5500, open http://localhost:5500, and start this program with --allow-origin http://localhost:5500"
 )
-_RELEASE_AFTER_S = 1.0
-"""Time from the departure of the last client to the release of memory."""
 _CLOSE_S = 1.0
 """Time for a client to answer the end of its connection."""
 
-MessageTest = Callable[[str | bytes], bool]
 RequestHandler = Callable[[ServerConnection, Request], Awaitable[Response | None]]
 
 
@@ -118,32 +113,29 @@ class SocketGuard:
             return 403, _NO_ORIGIN
         if len(origins) > 1 or (origins and origins[0].lower() not in allowed):
             return 403, _host_or_origin_refusal("Origin", origins, "ORIGIN")
-        if self.token and not hmac.compare_digest(_first_segment(request.path).encode(), self.token.encode()):
+        first_segment = re.split("[/?]", request.path.removeprefix("/"), maxsplit=1)[0]
+        if self.token and not hmac.compare_digest(ascii(first_segment), ascii(self.token)):
             return 404, "expected the whole address that the program printed, got another; copy it again"
         return None
 
     def serve(
         self,
         handler: Callable[[Any], Awaitable[None]],
-        host: str,
         port: int,
-        *,
-        is_expected: MessageTest,
         process_request: RequestHandler | None = None,
         **options: Any,
     ) -> serve:
-        """Return a guarded server; use it as `websockets.serve`.
+        """Return a guarded server on the host; use it as `websockets.serve`.
 
         handler, process_request: as in `websockets.serve`; they get accepted requests only, with the token taken off the path.
-        is_expected: whether a message of a client can be handled; other messages are dropped.
         """
         options |= {
             "process_request": partial(self._answer_request, process_request),
             "max_size": self.limits.message_bytes,
             "logger": one_line_logger(),
-            "create_connection": partial(GuardedConnection, self.limits, is_expected),
+            "create_connection": partial(GuardedConnection, self.limits),
         }
-        return serve(handler, host, port, **options)
+        return serve(handler, self.host, port, **options)
 
     async def _answer_request(
         self, process_request: RequestHandler | None, connection: ServerConnection, request: Request
@@ -183,14 +175,14 @@ class SocketGuard:
 
 
 class GuardedConnection(ServerConnection):
-    """A connection that drops unexpected messages and ends with a client that floods it or does not read."""
+    """A connection that ends with a client that floods it or does not read."""
 
-    def __init__(self, limits: SocketLimits, is_expected: MessageTest, *args: Any, **options: Any) -> None:
+    def __init__(self, limits: SocketLimits, *args: Any, **options: Any) -> None:
         super().__init__(*args, **options)
-        self._limits, self._is_expected = limits, is_expected
+        self._limits = limits
         self.sent = 0
         """Number of messages that do not wait on their way to the client any more."""
-        self._second, self._events_in_second, self._has_dropped = 0.0, 0, False
+        self._second, self._events_in_second = 0.0, 0
         self._unanswered: deque[Awaitable[float]] = deque()
 
     def process_event(self, event: Any) -> None:
@@ -202,18 +194,6 @@ class GuardedConnection(ServerConnection):
             super().process_event(event)
         elif self._events_in_second == self._limits.messages_per_s + 1:
             self._end(f"it sent more than {self._limits.messages_per_s} messages in a second")
-
-    async def recv(self, decode: bool | None = None) -> Any:
-        """Return the next message that is to be handled."""
-        while not self._is_expected(message := await super().recv(decode)):
-            if not self._has_dropped:
-                self._has_dropped = True
-                self.logger.warning(
-                    "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently",
-                    len(message),
-                    format_peer(self),
-                )
-        return message
 
     async def send(self, message: Any, text: bool | None = None) -> None:
         """Send a message after the client has received the earlier ones; end with a client that does not read."""
@@ -238,23 +218,10 @@ class GuardedConnection(ServerConnection):
                 await super().close(*args, **options)
         self.transport.abort()
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        """End, and give memory back after the last client."""
-        super().connection_lost(exc)
-        if not self.server.connections:
-            self.loop.call_later(_RELEASE_AFTER_S, _release_memory)
-
     def _end(self, reason: str) -> None:
         """Disconnect a client at once."""
         self.logger.warning("disconnected %s: %s", format_peer(self), reason)
         self.transport.abort()
-
-
-def _release_memory() -> None:
-    """Collect what clients leave behind in reference cycles, and return free memory to the operating system."""
-    gc.collect()
-    with suppress(OSError, AttributeError, TypeError):  # only the GNU C library has it
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 async def relay(
@@ -309,14 +276,12 @@ def hidden_loopback_address() -> str:
 
 
 def _is_loopback(host: str) -> bool:
-    """Return whether only this computer can reach a host."""
     with suppress(ValueError):
         return ip_address(host).is_loopback
     return host.lower() == "localhost"
 
 
 def _is_wildcard(host: str) -> bool:
-    """Return whether a host stands for all addresses of this computer."""
     with suppress(ValueError):
         return ip_address(host).is_unspecified
     return not host
@@ -336,13 +301,7 @@ def _outward_address(wildcard: str) -> str:
 
 
 def _bracket(host: str) -> str:
-    """Return a host as it stands in an address."""
     return f"[{host}]" if ":" in host else host
-
-
-def _first_segment(path: str) -> str:
-    """Return the first part of the path of a request; it may hold any bytes."""
-    return ascii(path.partition("?")[0].removeprefix("/").partition("/")[0])[1:-1]
 
 
 def _normalise_origin(origin: str) -> str:
@@ -360,7 +319,6 @@ def _normalise_origin(origin: str) -> str:
 
 
 def _host_or_origin_refusal(header: str, got: list[str], remedy: str) -> str:
-    """Return the sentence about a header that names something else than the page."""
     return (
         f"expected {header} to name the page, got {ascii(', '.join(got))[:100]}; open the address that the program printed, "
         f"or start it with --allow-origin {remedy}"

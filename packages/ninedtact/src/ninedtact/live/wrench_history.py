@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Event, Lock, Thread
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Float64
@@ -133,7 +132,6 @@ class WrenchHistory:
         return WrenchSourceSnapshot(self.name, self.meaning, nearest, samples, now_ns, *state)
 
     def _first_shown(self, now_ns: int) -> int:
-        """Return the number of the first sample of the last seconds."""
         return bisect_left(self._samples, now_ns - HISTORY_S * NS_PER_S, key=_stamp_ns)
 
 
@@ -162,9 +160,7 @@ class WrenchPoller:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.set()
         self.source.close()
         self._thread.join()

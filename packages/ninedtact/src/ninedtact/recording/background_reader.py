@@ -1,29 +1,21 @@
 """Reads a live source in a background thread, so that whoever takes its items delays no source, and says when it stalls."""
 
-from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from threading import Condition, Thread
+from queue import Empty, Full, Queue
+from threading import Thread
 from time import monotonic, monotonic_ns
-from types import TracebackType
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, TypeVar
+
+from ninedtact.capture.frame_source import FrameSource
+from ninedtact.capture.wrench_source import WrenchSource
 
 STALL_S = 3.0
 """Time without an item after which a live source counts as stalled. Cameras and streams report a loss on their own after 2 s; this
 covers a source that does neither."""
 
 Item = TypeVar("Item", covariant=True)
-
-
-@runtime_checkable
-class _Source(Protocol[Item]):
-    """A `FrameSource` or a `WrenchSource`."""
-
-    name: str
-
-    def open(self) -> None: ...
-    def read(self) -> Item: ...
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +31,7 @@ class BackgroundReader(Generic[Item]):
 
     def __init__(
         self,
-        source: _Source[Item],
+        source: FrameSource | WrenchSource,
         capacity: int,
         *delivered_errors: type[Exception],
         on_stall: Callable[[str], None] = lambda sentence: None,
@@ -51,28 +43,26 @@ class BackgroundReader(Generic[Item]):
         """
         self.source, self._stall_s = source, stall_s
         self._on_stall, self._stall_at = on_stall, float("inf")
-        self._capacity, self._delivered_errors = capacity, delivered_errors
-        self._items: deque[Arrival[Item]] = deque()
+        self._delivered_errors = delivered_errors
+        self._items: Queue[Arrival[Any]] = Queue(capacity)
         self._error: BaseException | None = None
-        self._changed = Condition()
         self._closing = False
         self._thread = Thread(target=self._read_all, name=f"listen to {source.name}", daemon=True)
 
     @property
     def waiting(self) -> int:
         """Number of items that were read and not yet taken."""
-        with self._changed:
-            return len(self._items)
+        return self._items.qsize()
 
     def take(self, wait_s: float = 0.0) -> Arrival[Item] | None:
         """Return the oldest item, or None when none arrives in time; after the last one raises what ended the source."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._items or self._error, wait_s)
-            if self._items:
-                self._stall_at = monotonic() + self._stall_s
-                return self._items.popleft()
-            if self._error is not None:
-                raise self._error
+        has_ended = self._error is not None  # before the look into the queue, whose last item precedes the end
+        with suppress(Empty):
+            arrival = self._items.get(timeout=wait_s)
+            self._stall_at = monotonic() + self._stall_s
+            return arrival
+        if has_ended and self._error is not None:
+            raise self._error
         if monotonic() > self._stall_at:
             self._stall_at = float("inf")
             self._on_stall(
@@ -87,7 +77,7 @@ class BackgroundReader(Generic[Item]):
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing = True
         self.source.close()
         self._thread.join()
@@ -100,11 +90,7 @@ class BackgroundReader(Generic[Item]):
                     item = self.source.read()
                 except self._delivered_errors as error:
                     item = error
-                with self._changed:
-                    if len(self._items) < self._capacity:
-                        self._items.append(Arrival(item, monotonic_ns()))
-                        self._changed.notify_all()
+                with suppress(Full):
+                    self._items.put_nowait(Arrival(item, monotonic_ns()))
         except BaseException as error:  # handed to the thread that takes items
-            with self._changed:
-                self._error = error
-                self._changed.notify_all()
+            self._error = error

@@ -120,7 +120,6 @@ def _tables_of(recording: Recording) -> Iterator[tuple[str, str, Sequence[str], 
 
 
 def _export_images(recording: Recording, out: Path, on_image: Callable[[], None]) -> int:
-    """Write every image as PNG, named by its index, and a table of their times."""
     rows = []
     for frame in recording.frames():
         name = f"image_{frame.index:08d}.png"
@@ -154,7 +153,6 @@ def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:
 
 
 def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:
-    """Write rows as CSV if there are any, and return their number."""
     all_rows, text = list(rows), StringIO()
     csv.writer(text).writerows([list(header), *map(list, all_rows)])
     if all_rows:

@@ -10,11 +10,10 @@ from functools import cached_property
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Float32, Int64
-from mcap.records import Attachment, Message
+from mcap.records import Message
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceIncomplete
@@ -136,13 +135,9 @@ class Recording:
         """Return the stamps of the messages of a topic, ns of the monotonic clock."""
         return np.asarray(self.positions(topic)["stamp_ns"])
 
-    def message(self, position: np.void) -> Message:
-        """Return the message at one `MESSAGE_POSITION`; raises `RecordingUnreadable` where the file is damaged."""
-        return self.file.message(position)
-
     def messages(self, topic: Topic) -> Iterator[Message]:
         """Yield the messages of a topic, undecoded, in the order of writing."""
-        return map(self.message, self.positions(topic))
+        return map(self.file.message, self.positions(topic))
 
     def message_of_image(self, topic: Topic, image: Frame | Message) -> Message | None:
         """Return the message of a topic with the stamp and the number of an image; None where the image has none."""
@@ -150,12 +145,12 @@ class Recording:
             (image.stamp_ns, image.index) if isinstance(image, Frame) else (image.log_time, image.sequence)
         )
         positions = self.positions(topic)
-        messages = map(self.message, positions[positions["stamp_ns"] == stamp_ns])
+        messages = map(self.file.message, positions[positions["stamp_ns"] == stamp_ns])
         return next((message for message in messages if message.sequence == index), None)
 
     def frame(self, position: np.void) -> Frame:
         """Return one frame as it was read, its stamp and index included; raises `RecordingUnreadable` where the file is damaged."""
-        message = self.message(position)
+        message = self.file.message(position)
         try:
             image = decode_image(message.data, self.metadata.images)
         except ValueError as error:
@@ -188,7 +183,7 @@ class Recording:
 
     def wrench(self, position: np.void) -> Wrench:
         """Return one wrench about the skin centre."""
-        message = self.message(position)
+        message = self.file.message(position)
         return decode_wrench(message.data, message.log_time)
 
     def wrenches(self, topic: Topic = Topic.MEASURED) -> Iterator[Wrench]:
@@ -234,14 +229,14 @@ class Recording:
 
         Raises `RecordingUnreadable` where the list of them is damaged.
         """
-        attached = [one for one in self.attachments() if one.name == SPANS_ATTACHMENT]
+        attached = [one for one in self.file.attachments() if one.name == SPANS_ATTACHMENT]
         try:
             if attached:
                 spans = [LabelledSpan(**one) for one in json.loads(attached[-1].data)]
             else:
                 paths = [Topic.SPANS.path(metadata.topic_name) for metadata in self.all_metadata]
                 positions = np.concatenate([self.file.positions(path) for path in paths])
-                spans = [decode_labelled_span(message.data) for message in map(self.message, positions)]
+                spans = [decode_labelled_span(message.data) for message in map(self.file.message, positions)]
             return sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
         except (ValueError, TypeError) as error:
             raise RecordingUnreadable(
@@ -249,10 +244,6 @@ class Recording:
                 got=str(error),
                 remedy="restore the file from a copy",
             ) from error
-
-    def attachments(self) -> Iterator[Attachment]:
-        """Yield the attached files with their names; raises `RecordingUnreadable` where one is damaged."""
-        return self.file.attachments()
 
     def save_sensor_folder(self, into: Path) -> Path:
         """Write the attached sensor folder; raises `RecordingUnreadable` where the recording carries none."""
@@ -272,7 +263,7 @@ class Recording:
     def sensor_files(self) -> dict[str, bytes]:
         """Return the content of the attached sensor folder's files by their paths in it; paths leading elsewhere are skipped."""
         folder, files = PurePosixPath(_attached_folder(self.metadata.name)).parts, {}
-        for attachment in self.attachments():
+        for attachment in self.file.attachments():
             parts = PurePosixPath(attachment.name).parts
             if parts[: len(folder)] == folder and len(parts) > len(folder) and ".." not in parts:
                 files[str(PurePosixPath(*parts[len(folder) :]))] = attachment.data
@@ -337,7 +328,7 @@ class Recording:
     def __enter__(self) -> "Recording":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -388,7 +379,6 @@ class RecordedReferences:
         return self._shape.depth_reader(*frames, find_faults=self._find_faults)
 
     def _frames_at(self, number: int) -> list[Frame]:
-        """Return all raw reference images that belong to one of them."""
         frames = [self.recording.frame(self._positions[number])]
         for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
             for other in numbers:
@@ -401,7 +391,7 @@ class RecordedReferences:
     def _read(self, number: int) -> DepthReader:
         if self.topic is not Topic.REFERENCE_GREY:
             return self._shape.depth_reader(*self._frames_at(number), find_faults=self._find_faults)
-        message, wanted = self.recording.message(self._positions[number]), self._shape.rectify.height_source.shape
+        message, wanted = self.recording.file.message(self._positions[number]), self._shape.rectify.height_source.shape
         grey = decode_reference_grey(message.data)
         if grey.shape != wanted:
             raise RecordingUnreadable(

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from threading import Event
 from time import monotonic, monotonic_ns
-from typing import NamedTuple
+from typing import Any
 
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -122,11 +122,12 @@ def record_several(
     writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
     ending = Event()
 
-    def write(name: str, streams: "_Streams") -> None:
+    def write(name: str) -> None:
         recorder = recorders[name]
         try:
-            recorder.write(streams, lambda: ending.is_set() or should_stop())
-            recorder.require_reference()
+            recorder.write(lambda: ending.is_set() or should_stop())
+            if recorder.estimates is not None:
+                recorder.estimates.require_reference()
         except NinedtactError as error:
             if not name:
                 raise
@@ -138,9 +139,10 @@ def record_several(
                 )
 
     with notify_partial_recording(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
-        streams = {name: opened.enter_context(recorder.opened()) for name, recorder in recorders.items()}
+        for recorder in recorders.values():
+            opened.enter_context(recorder.opened())
         with ThreadPoolExecutor(len(recorders), "record") as pool:
-            written = [pool.submit(write, *one) for one in streams.items()]
+            written = [pool.submit(write, name) for name in recorders]
             try:
                 while wait(written, _WAIT_S).not_done:
                     on_progress(writers.values())
@@ -159,7 +161,6 @@ def _new_recorder(
     notify: Callable[[str], None],
     beside: RecordingWriter | None = None,
 ) -> "Recorder":
-    """Return the recorder of one sensor, whose file and sources are still closed."""
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults
@@ -167,37 +168,32 @@ def _new_recorder(
     topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
     metadata = replace(
         stored,
-        sensor=sensor.id,
         source=part.source.name,
         force_torque=force_torque.name if force_torque else "",
-        mm_per_px=sensor.shape.rectify.mm_per_px if estimates else 0.0,
         camera_delay_ms=part.camera_delay_ms,
     )
-    attachments = sensor_folder_attachments(sensor.path, metadata.name)
-    writer = RecordingWriter(out, metadata, topics, attachments, notify, beside)
+    writer = new_sensor_writer(out, sensor, metadata, topics, notify, beside)
     camera = DelayCorrectedSource(part.source, part.camera_delay_ms) if part.camera_delay_ms else part.source
     return Recorder(writer, camera, force_torque, estimates, notify)
 
 
-def new_reading_writer(
-    path: Path,
+def new_sensor_writer(
+    path: Path | str,
     sensor: SensorFolder,
     metadata: RecordingMetadata,
-    measured: bool,
-    estimated: bool,
-    topics: Collection[Topic] = (),
+    topics: Collection[Topic],
+    notify: Callable[[str], None] = lambda sentence: None,
     beside: RecordingWriter | None = None,
 ) -> RecordingWriter:
-    """Return the writer of readings (`RecordingWriter.write_reading`) into a new file, which is not open yet.
+    """Return the writer of a sensor into a new file, to which its folder is attached, and which is not open yet.
 
-    metadata: is completed with what is known of the sensor. measured, estimated: whether such wrenches are
-    written. topics: those beside images, reference images and wrenches. beside: the first writer of the same file.
+    metadata: is completed with what is known of the sensor. The others are as of `RecordingWriter`.
     """
-    complete = replace(metadata, sensor=sensor.id, mm_per_px=sensor.shape.rectify.mm_per_px)
-    written = {Topic.IMAGES, Topic.REFERENCE_GREY, *topics, *(ESTIMATE_TOPICS if estimated else ())}
-    written |= {Topic.MEASURED} if measured else set()
-    attachments = sensor_folder_attachments(sensor.path, metadata.name)
-    return RecordingWriter(path, complete, written, attachments, beside=beside)
+    has_scale = not {Topic.HEIGHTS, Topic.ESTIMATED, Topic.REFERENCE_GREY}.isdisjoint(topics)
+    complete = replace(metadata, sensor=sensor.id, mm_per_px=sensor.shape.rectify.mm_per_px if has_scale else 0.0)
+    return RecordingWriter(
+        path, complete, topics, sensor_folder_attachments(sensor.path, metadata.name), notify, beside
+    )
 
 
 @contextmanager
@@ -267,13 +263,6 @@ class EstimateRecorder:
         return not isinstance(self.estimator, NoForceEstimator)
 
 
-class _Streams(NamedTuple):
-    """What the devices of a sensor deliver."""
-
-    images: BackgroundReader[Frame]
-    samples: BackgroundReader[Wrench] | None
-
-
 @dataclass
 class Recorder:
     """Writes what a camera and a force/torque sensor deliver into an open recording."""
@@ -286,49 +275,39 @@ class Recorder:
     """Receives a sentence each time that a device has delivered nothing for `stall_s`."""
     stall_s: float = STALL_S
 
-    def run(self, should_stop: Callable[[], bool]) -> None:
-        """Open the devices and `write`."""
-        with self.opened() as streams:
-            self.write(streams, should_stop)
+    def __post_init__(self) -> None:
+        stalls: dict[str, Any] = {"on_stall": self.notify, "stall_s": self.stall_s}
+        self._images = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, **stalls)
+        self._samples: BackgroundReader[Wrench] | None = None
+        if self.force_torque is not None:
+            self._samples = BackgroundReader(self.force_torque, _BUFFERED_SAMPLES, **stalls)
 
     @contextmanager
-    def opened(self) -> Iterator["_Streams"]:
+    def opened(self) -> Iterator[None]:
         """Read the devices in the background while the block runs; raises what opening them raises."""
-        with ExitStack() as opened:
-            samples = None
-            if self.force_torque is not None:
-                wrenches = BackgroundReader[Wrench](
-                    self.force_torque, _BUFFERED_SAMPLES, on_stall=self.notify, stall_s=self.stall_s
-                )
-                samples = opened.enter_context(wrenches)
-            frames = BackgroundReader[Frame](self.camera, _BUFFERED_IMAGES, on_stall=self.notify, stall_s=self.stall_s)
-            yield _Streams(opened.enter_context(frames), samples)
+        with self._samples or nullcontext(), self._images:
+            yield
 
-    def write(self, streams: "_Streams", should_stop: Callable[[], bool]) -> None:
+    def write(self, should_stop: Callable[[], bool]) -> None:
         """Record until `should_stop` is true or the source ends, all that was read until then.
 
         Raises what a live source raises, and `SourceIncomplete` for a damaged file, whose last images are then counted as dropped.
         """
         try:
             while not should_stop():
-                self._write_arrivals(*streams)
-            for _ in range(streams.images.waiting):  # what was read before the end, while writing was slow
-                self._write_arrivals(*streams)
+                self._write_arrivals()
+            for _ in range(self._images.waiting):  # what was read before the end, while writing was slow
+                self._write_arrivals()
         except SourceEnded:
             return
         except SourceIncomplete as damage:
             self.writer.count_dropped(damage.uncounted)
             raise
 
-    def require_reference(self) -> None:
-        """Raise `InputError` where heights or forces could not be written for lack of reference images."""
-        if self.estimates is not None:
-            self.estimates.require_reference()
-
-    def _write_arrivals(self, images: BackgroundReader[Frame], samples: BackgroundReader[Wrench] | None) -> None:
-        while samples is not None and (sample := samples.take()) is not None:
+    def _write_arrivals(self) -> None:
+        while self._samples is not None and (sample := self._samples.take()) is not None:
             self.writer.write_measured(sample.item)
-        arrival = images.take(_WAIT_S)
+        arrival = self._images.take(_WAIT_S)
         if arrival is not None:
             self.writer.write_image(arrival.item)
             if self.estimates is not None:

@@ -87,6 +87,8 @@ class RecordingWriter:
         self._attachments = dict(attachments or {})
         self._next_index: int | None = None
         self._reference: Rectified | None = None
+        of_sensor = f"{metadata.name}_" if metadata.name else ""  # which several sensors are told apart by
+        self._camera_frame, self._skin_frame = of_sensor + CAMERA_FRAME, of_sensor + SKIN_FRAME
         self._open_file: _SharedFile = _SharedFile() if beside is None else beside._open_file
         self._open_file.writers.append(self)
         self._notify = notify
@@ -151,31 +153,27 @@ class RecordingWriter:
 
     def write_selected_image(self, frame: Frame) -> None:
         """Write a frame that was selected among many: frames before it do not count as missing."""
-        image = self._encode_image(frame)
-        self._add(Topic.IMAGES, frame.stamp_ns, image, frame.index)
+        self._add(Topic.IMAGES, frame.stamp_ns, self._encode_image(frame), frame.index)
 
     def write_reference(self, frame: Frame, tare: int) -> None:
         """Write a reference image (no contact) of this tare."""
-        image = self._encode_image(frame)
-        self._add(Topic.REFERENCE, frame.stamp_ns, image, tare)
+        self._add(Topic.REFERENCE, frame.stamp_ns, self._encode_image(frame), tare)
 
     def write_reference_grey(self, reference: Rectified, stamp_ns: int) -> None:
         """Write the rectified reference image that heights are computed against from this stamp on."""
-        self._add(
-            Topic.REFERENCE_GREY, stamp_ns, encode_reference_grey(reference.grey, self.metadata.wall_ns(stamp_ns))
-        )
+        wall_ns = self.metadata.wall_ns(stamp_ns)
+        self._add(Topic.REFERENCE_GREY, stamp_ns, encode_reference_grey(reference.grey, wall_ns))
 
     def write_measured(self, wrench: Wrench) -> None:
         """Write a wrench of the force/torque sensor."""
         wall_ns = self.metadata.wall_ns(wrench.stamp_ns)
-        self._add(Topic.MEASURED, wrench.stamp_ns, encode_wrench(wrench, wall_ns, self._frame_id(SKIN_FRAME)))
+        self._add(Topic.MEASURED, wrench.stamp_ns, encode_wrench(wrench, wall_ns, self._skin_frame))
 
     def write_estimated(self, estimate: WrenchEstimate, index: int = 0) -> None:
         """Write an estimated wrench with its covariance, and its warnings where it has any; index: of the image."""
         stamp_ns = estimate.wrench.stamp_ns
         wall_ns = self.metadata.wall_ns(stamp_ns)
-        frame_id = self._frame_id(SKIN_FRAME)
-        self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns, frame_id), index)
+        self._add(Topic.ESTIMATED, stamp_ns, encode_wrench(estimate.wrench, wall_ns, self._skin_frame), index)
         covariance = estimate.about_skin_centre().covariance  # as `encode_wrench`
         self._add(Topic.COVARIANCE, stamp_ns, encode_covariance(covariance), index)
         self.write_warnings(estimate.warnings, stamp_ns, index)
@@ -185,15 +183,15 @@ class RecordingWriter:
         if not warnings:
             return
         texts = [warning.value for warning in warnings]
-        wall_ns, frame_id = self.metadata.wall_ns(stamp_ns), self._frame_id(SKIN_FRAME)
-        message = encode_warnings_as_diagnostics(texts, self.metadata.topic_name, wall_ns, frame_id)
+        wall_ns = self.metadata.wall_ns(stamp_ns)
+        message = encode_warnings_as_diagnostics(texts, self.metadata.topic_name, wall_ns, self._skin_frame)
         self._add(Topic.WARNINGS, stamp_ns, message, index)
         self.warned.update(texts)
 
     def write_height(self, height: HeightMap, index: int) -> None:
         """Write the heights of the image with this index, NaN out of view."""
-        wall_ns, frame_id = self.metadata.wall_ns(height.stamp_ns), self._frame_id(SKIN_FRAME)
-        message = encode_height(height.visible_z_mm, wall_ns, self.metadata.height_step_mm, frame_id)
+        wall_ns = self.metadata.wall_ns(height.stamp_ns)
+        message = encode_height(height.visible_z_mm, wall_ns, self.metadata.height_step_mm, self._skin_frame)
         self._add(Topic.HEIGHTS, height.stamp_ns, message, index)
 
     def write_label(self, label: PairLabel) -> None:
@@ -239,28 +237,20 @@ class RecordingWriter:
         if monotonic() - self._open_file.flushed_at > _LONGEST_BUFFERING_S:
             self.flush()
 
-    def _frame_id(self, part: str) -> str:
-        """Return the name of a frame, which among several sensors begins with the sensor's."""
-        return f"{self.metadata.name}_{part}" if self.metadata.name else part
-
     def _encode_image(self, frame: Frame) -> bytes:
         wall_ns = self.metadata.wall_ns(frame.stamp_ns)
-        return encode_image(frame.image, wall_ns, self.metadata.images, self._frame_id(CAMERA_FRAME))
+        return encode_image(frame.image, wall_ns, self.metadata.images, self._camera_frame)
 
     def _register_channels(self) -> None:
         """Register the topics, and the message types that no other sensor of the file has."""
-        topics, mcap, schemas = [topic for topic in Topic if topic in self._topics], self._open_file.mcap, {}
-        images, known = self.metadata.images, self._open_file.schemas
-        for name in dict.fromkeys(topic.message_type(images) for topic in topics):
+        mcap, known, images = self._open_file.mcap, self._open_file.schemas, self.metadata.images
+        self._channels: dict[Topic, int] = {}
+        for topic in (topic for topic in Topic if topic in self._topics):
+            name = topic.message_type(images)
             if name not in known:
                 known[name] = mcap.register_schema(name, "ros2msg", message_definition(name))
-            schemas[name] = known[name]
-        self._channels = {
-            topic: mcap.register_channel(
-                topic.path(self.metadata.topic_name, images), "cdr", schemas[topic.message_type(images)]
-            )
-            for topic in topics
-        }
+            path = topic.path(self.metadata.topic_name, images)
+            self._channels[topic] = mcap.register_channel(path, "cdr", known[name])
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         """Finish the file, whatever ended the block; delete it where the block failed before any message.
@@ -349,7 +339,6 @@ class _RecordFile:
         return len(records)
 
     def tell(self) -> int:
-        """Return the position of the next record."""
         return self._end
 
     def flush(self) -> None:

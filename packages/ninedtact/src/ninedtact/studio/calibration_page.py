@@ -24,12 +24,13 @@ from ninedtact.studio.guided_page import (
     Instruction,
     ListCameras,
     SimulatedSensorControls,
+    add_action_button,
     attempt,
     live_image_quality_rows,
 )
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
-from ninedtact.studio.viewer import NOTICE_S, is_user_event
+from ninedtact.studio.viewer import on_user_change
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball")
 _SECOND_BALL_STEP_NAMES = ("untouched", "second ball")
@@ -83,11 +84,9 @@ class CalibrationPage:
 
     @property
     def _step_names(self) -> tuple[str, ...]:
-        """The steps of this calibration."""
         return (*_STEP_NAMES, *(_SECOND_BALL_STEP_NAMES if self._session.second_ball else ()), "fit")
 
     def _build_buttons(self) -> None:
-        """Add the buttons."""
         gui, session = self._server.viser.gui, self._session
         self._replace = gui.add_checkbox("replace the sensor", False, hint=f"{session.out} holds a calibrated sensor")
         self._second_ball = gui.add_checkbox(
@@ -95,25 +94,21 @@ class CalibrationPage:
             session.second_ball,
             hint=f"of radius {session.design.ball.second_radius_mm:g} mm; it tells the base of the gel, and so the true depth",
         )
-        self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
-        self._fit_again = gui.add_button("Calibrate again from the images", icon=Icon.REFRESH)
-        self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
-        self._force = gui.add_button("Calibrate its force with known loads", color="gray", icon=Icon.SCALE)
-        self._download = gui.add_button("Download the certificate", color="gray", icon=Icon.DOWNLOAD)
-        self._back = gui.add_button("One press back", color="gray", icon=Icon.ARROW_BACK_UP)
-        self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
-        self._start.on_click(
-            lambda event: attempt(event.client, partial(session.start, self._replace.value, self._second_ball.value))
+        add = partial(add_action_button, gui)
+        self._start = add(
+            "Start", Icon.PLAYER_PLAY, lambda: session.start(self._replace.value, self._second_ball.value)
         )
-        self._fit_again.on_click(lambda event: attempt(event.client, partial(session.fit_again, self._replace.value)))
-        self._live.on_click(lambda event: session.request_live())
-        self._force.on_click(lambda event: session.request_force())
+        self._fit_again = add(
+            "Calibrate again from the images", Icon.REFRESH, lambda: session.fit_again(self._replace.value)
+        )
+        self._live = add("Open the sensor live", Icon.PLAYER_PLAY, session.request_live)
+        self._force = add("Calibrate its force with known loads", Icon.SCALE, session.request_force, "gray")
+        self._download = gui.add_button("Download the certificate", color="gray", icon=Icon.DOWNLOAD)
         self._download.on_click(self._send_certificate)
-        self._back.on_click(lambda event: session.back())
-        self._start_over.on_click(lambda event: session.start_over())
+        self._back = add("One press back", Icon.ARROW_BACK_UP, session.back, "gray")
+        self._start_over = add("Start over", Icon.RELOAD, session.start_over, "gray")
 
     def _build_presses(self, simulated: SimulatedCalibrationCamera) -> None:
-        """Add the controls that press the pin board and the ball on a simulated sensor."""
         gui = self._server.viser.gui
         self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "presses by itself")
         with self._presses.folder:
@@ -124,16 +119,14 @@ class CalibrationPage:
             self._held = gui.add_html("")
 
         def move(event: GuiEvent[Any]) -> None:
-            if is_user_event(event):
-                tilt = self._tilt_x.value, self._tilt_y.value
-                self._presses.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
+            tilt = self._tilt_x.value, self._tilt_y.value
+            self._presses.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
 
         hold.on_click(lambda event: self._presses.hold(simulated.good_press(hold.value.replace(" ", "_"))))
         for slider in (self._depth, self._tilt_x, self._tilt_y):
-            slider.on_update(move)
+            on_user_change(slider, move)
 
     def _follow_presses(self, state: CalibrationState, simulated: SimulatedCalibrationCamera) -> None:
-        """Show what is held on the simulated sensor."""
         held, sliders = simulated.held, (self._depth, self._tilt_x, self._tilt_y)
         values = [round(value, 2) for value in (held.depth_mm, *held.tilt_deg)]
         is_pressed = state.phase not in (CalibrationPhase.FIT, CalibrationPhase.RESULT)
@@ -143,19 +136,13 @@ class CalibrationPage:
         self._held.content = _held_html(held, simulated.refusal)
 
     def _send_certificate(self, event: GuiEvent[Any]) -> None:
-        """Send the certificate to the browser that wants it, which may be a phone."""
-        folder = self._session.state.result
-        if folder is None or event.client is None:
+        folder, client = self._session.state.result, event.client
+        if folder is None or client is None:
             return
-        try:
-            content = (folder.path / CERTIFICATE_FILE).read_bytes()
-        except OSError as trouble:
-            event.client.add_notification("Not sent", str(trouble), color="red", auto_close_seconds=NOTICE_S)
-        else:
-            event.client.send_file_download(f"{folder.id}_certificate.html", content, save_immediately=True)
+        file, name = folder.path / CERTIFICATE_FILE, f"{folder.id}_certificate.html"
+        attempt(client, lambda: client.send_file_download(name, file.read_bytes(), save_immediately=True))
 
     def _show_buttons(self, state: CalibrationState) -> None:
-        """Show the buttons that do something now."""
         phase, complete = state.phase, state.step == len(self._step_names) - 1
         can_fit = phase is CalibrationPhase.REFUSED and complete
         self._start.visible = phase is CalibrationPhase.PREVIEW
@@ -170,7 +157,6 @@ class CalibrationPage:
 
 
 def _instruction(state: CalibrationState) -> Instruction:
-    """Return what to do, and what the images say."""
     sentence, detail, tone = state.instruction, state.advice, "held"
     if state.phase is CalibrationPhase.REFUSED:
         sentence, tone = "This calibration is refused.", "lost"
@@ -181,7 +167,6 @@ def _instruction(state: CalibrationState) -> Instruction:
 
 
 def _figures_html(state: CalibrationState) -> str:
-    """Return brightness, sharpness and pins of the live image as HTML."""
     rows = {} if state.quality is None else live_image_quality_rows(state.quality)
     if state.pins is not None:
         rows["pins"] = f"{state.pins.found} of {state.pins.expected}"
@@ -191,7 +176,6 @@ def _figures_html(state: CalibrationState) -> str:
 
 
 def _certificate(state: CalibrationState) -> Certificate:
-    """Return the certificate of the result."""
     assert state.result is not None and state.result.record.certificate is not None
     return state.result.record.certificate
 
@@ -210,7 +194,6 @@ def calibration_result_html(state: CalibrationState, out: Path) -> str:
 
 
 def _held_html(held: HeldCalibrationObject, refusal: str) -> str:
-    """Return what is held on the simulated sensor, and why a press is refused, as HTML."""
     words = (
         "nothing touches"
         if held.gauge == "nothing"

@@ -236,7 +236,6 @@ class CalibrationSession(GuidedSession[CalibrationState]):
             )
 
     def _evaluate(self, image: BgrImage) -> None:
-        """Update quality and advice by one image, and go on to the next step where this one is done."""
         self._show_image(image, "Check brightness and focus, then start.")
         with self._changed:
             if self._state.phase is not CalibrationPhase.CAPTURE:
@@ -284,7 +283,6 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         return pins
 
     def _search_pins(self, reference: BgrImage, image: BgrImage) -> tuple[PinSearchResult, float]:
-        """Return the pins in an image and the time that the search took, s."""
         began_s = monotonic()
         return search_board_pins(reference, image, self.design, self.settings), monotonic() - began_s
 
@@ -320,7 +318,6 @@ def _read_sensor_file(out: Path) -> bytes | None:
 
 
 def _replacement_refusal(out: Path) -> OutputError:
-    """Return the error for a sensor that nobody has agreed to replace."""
     return OutputError(
         expected="a new folder",
         got=f"{out}, which holds a calibrated sensor",

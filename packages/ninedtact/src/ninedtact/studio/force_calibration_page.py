@@ -21,12 +21,13 @@ from ninedtact.studio.guided_page import (
     Instruction,
     ListCameras,
     SimulatedSensorControls,
+    add_action_button,
     attempt,
     live_image_quality_rows,
 )
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
-from ninedtact.studio.viewer import ControlFollower, is_user_event
+from ninedtact.studio.viewer import ControlFollower, on_user_change
 
 _LEAST_G, _MOST_G = 1.0, 5000.0
 _MOST_SIMULATED_G = 800.0
@@ -84,25 +85,18 @@ class ForceCalibrationPage:
                 self._follow_load(state, self._simulated)
 
     def _build_buttons(self) -> None:
-        """Add the load and the buttons."""
         gui, session = self._server.viser.gui, self._session
         self._load = gui.add_number("load (g)", session.loads_g[0], min=_LEAST_G, max=_MOST_G, step=1.0)
-        self._start = gui.add_button("Start", icon=Icon.PLAYER_PLAY)
-        self._save = gui.add_button("Save the force scale", icon=Icon.DEVICE_FLOPPY)
-        self._live = gui.add_button("Open the sensor live", icon=Icon.PLAYER_PLAY)
-        self._another = gui.add_button("Take another press", color="gray", icon=Icon.PLUS)
-        self._remove = gui.add_button("Remove a press", color="gray", icon=Icon.TRASH)
-        self._start_over = gui.add_button("Start over", color="gray", icon=Icon.RELOAD)
-        self._load.on_update(self._set_load)
-        self._start.on_click(lambda event: session.start())
-        self._save.on_click(lambda event: attempt(event.client, session.save))
-        self._live.on_click(lambda event: session.live_requested.set())
-        self._another.on_click(lambda event: session.take_another())
-        self._remove.on_click(self._remove_doubtful)
-        self._start_over.on_click(lambda event: session.start_over())
+        on_user_change(self._load, self._set_load)
+        add = partial(add_action_button, gui)
+        self._start = add("Start", Icon.PLAYER_PLAY, session.start)
+        self._save = add("Save the force scale", Icon.DEVICE_FLOPPY, session.save)
+        self._live = add("Open the sensor live", Icon.PLAYER_PLAY, session.live_requested.set)
+        self._another = add("Take another press", Icon.PLUS, session.take_another, "gray")
+        self._remove = add("Remove a press", Icon.TRASH, self._remove_doubtful, "gray")
+        self._start_over = add("Start over", Icon.RELOAD, session.start_over, "gray")
 
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
-        """Add the controls that load the ball on a simulated sensor."""
         gui = self._server.viser.gui
         self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "loads by itself")
         with self._loads.folder:
@@ -111,14 +105,12 @@ class ForceCalibrationPage:
             self._refusal = gui.add_html("")
 
         def hold(event: GuiEvent[Any]) -> None:
-            if is_user_event(event):
-                self._loads.hold(ball_press_under_load(float(self._weight.value), float(self._place.value)))
+            self._loads.hold(ball_press_under_load(float(self._weight.value), float(self._place.value)))
 
-        self._weight.on_update(hold)
-        self._place.on_update(hold)
+        on_user_change(self._weight, hold)
+        on_user_change(self._place, hold)
 
     def _follow_load(self, state: ForceCalibrationState, simulated: SimulatedCalibrationCamera) -> None:
-        """Show what rests on the simulated sensor."""
         held = simulated.held
         is_pressed = state.phase not in (ForceCalibrationPhase.PREVIEW, ForceCalibrationPhase.SAVED)
         weight = self._weight, round((held.load_n or 0.0) / weight_of_grams_n(1.0))
@@ -129,16 +121,15 @@ class ForceCalibrationPage:
     def _set_load(self, event: GuiEvent[Any]) -> None:
         """State the load that a person has typed, unless it is beyond the limits, as while it is typed."""
         load_g = float(self._load.value)
-        if is_user_event(event) and _LEAST_G <= load_g <= _MOST_G:
+        if _LEAST_G <= load_g <= _MOST_G:
             attempt(event.client, partial(self._session.set_load, load_g))
 
-    def _remove_doubtful(self, event: GuiEvent[Any]) -> None:
+    def _remove_doubtful(self) -> None:
         """Drop the press that the button names, also where another person has just dropped it and another one is doubtful now."""
         if self._named_press is not None:
             self._session.remove(self._named_press)
 
     def _instruction(self, state: ForceCalibrationState) -> Instruction:
-        """Return what to do, and what the images say."""
         detail, tone, phase = state.advice, "held", state.phase
         if phase is ForceCalibrationPhase.PREVIEW:
             sentence = ""
@@ -159,7 +150,6 @@ class ForceCalibrationPage:
         return Instruction(sentence, detail, tone, _HOW if phase is ForceCalibrationPhase.PRESS else "")
 
     def _show_buttons(self, state: ForceCalibrationState) -> None:
-        """Show the controls that do something now."""
         phase, doubtful = state.phase, state.scale.doubtful
         self._start.visible = phase is ForceCalibrationPhase.PREVIEW
         self._start.disabled = bool(state.camera_trouble) or state.image is None
@@ -222,7 +212,6 @@ def _press_cells(number: int, press: TakenPress, scale: LoadScaleSoFar) -> tuple
 
 
 def _fit_rows(fit: KnownLoadFit) -> dict[str, str]:
-    """Return the gel, or the factor, and its errors, as the command prints them."""
     base = {"gel over base": f"{fit.ratio:.3f} ± {fit.ratio_std:.3f}"} if fit.ratio_std > 0 else {}
     return {
         "true over assumed modulus": f"{fit.factor:.3f} ± {fit.factor * fit.modulus_std:.3f}",

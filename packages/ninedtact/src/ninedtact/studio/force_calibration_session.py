@@ -234,11 +234,9 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
             self.on_load(0.0)
 
     def _set_presses(self, presses: tuple[TakenPress, ...]) -> None:
-        """Change the presses and fit the scale to them."""
         self._set(presses=presses, scale=fit_scale_so_far(presses, self.calibration.fit))
 
     def _enter(self, phase: ForceCalibrationPhase) -> None:
-        """Begin a phase with a new watcher."""
         with self._changed:
             self._watch, self._refusal = None, ""
             self._set(phase=phase, advice="")
@@ -255,7 +253,6 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
             self._set(camera_trouble=ended)
 
     def _evaluate(self, image: BgrImage) -> None:
-        """Update the state by one image, and go on to the next phase where this one is done."""
         before = self._show_image(image, "Check the brightness, then start.")
         if before.phase not in (
             ForceCalibrationPhase.REFERENCE,
@@ -285,7 +282,6 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
                 self._watch = None  # this press is refused, and another one is awaited
 
     def _watcher(self, phase: ForceCalibrationPhase) -> ImageWatcher:
-        """Return the watcher of a phase."""
         if phase is ForceCalibrationPhase.PRESS:
             assert self._reference is not None
             return make_still_press_watcher(self._reference, self.hold_s)
@@ -313,7 +309,6 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
             self._enter(ForceCalibrationPhase.COMPLETE)
 
     def _next_load_g(self) -> float:
-        """Return the first suggested load that differs from all that were taken."""
         taken = [press.grams for press in self._state.presses]
         left = [load for load in self.loads_g if all(abs(np.log(load / each)) > _ALIKE for each in taken)]
         return left[0] if left else self.loads_g[-1]

@@ -7,13 +7,13 @@ Only the place of the image is each browser's own (beside the controls, or on a 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import monotonic
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray as Array
-from viser import ClientHandle, GuiApi, GuiEvent, GuiImageHandle, Icon
+from viser import ClientHandle, GuiApi, GuiButtonHandle, GuiEvent, GuiImageHandle, Icon, IconName
 
 from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.capture.frame_source import ExposureWithLimits
@@ -30,7 +30,7 @@ from ninedtact.studio.viewer import (
     PHONE_STYLE,
     ControlFollower,
     add_theme_choice,
-    is_user_event,
+    on_user_change,
 )
 
 REFRESH_HZ = 8.0
@@ -115,7 +115,6 @@ class GuidedPageLayout:
                 handle.image = self._canvas
 
     def _forget(self, client: ClientHandle) -> None:
-        """Forget the image of a browser that has left."""
         self._images.pop(client.client_id, None)
 
     def _add_image(self, client: ClientHandle) -> None:
@@ -165,8 +164,8 @@ class _CameraChoiceControls:
         self._no_exposure = gui.add_html("")
         self._limits: ExposureWithLimits | None = None
         self._follower = ControlFollower()
-        self._camera.on_update(self._choose_camera)
-        self._exposure.on_update(self._set_exposure)
+        on_user_change(self._camera, self._choose_camera)
+        on_user_change(self._exposure, self._set_exposure)
         self._brighter.on_click(self._brighten)
 
     def show(self, state: GuidedState) -> None:
@@ -186,7 +185,6 @@ class _CameraChoiceControls:
         )
 
     def _present_labels(self) -> dict[str, str]:
-        """Return what the menu says of each camera, by its address."""
         cameras = self._list_cameras()
         return {address: f"{address}: {name}" if name else address for address, name in cameras.items()}
 
@@ -199,19 +197,16 @@ class _CameraChoiceControls:
             self._camera.options = shown
 
     def _choose_camera(self, event: GuiEvent[Any]) -> None:
-        """Show the chosen camera."""
-        if is_user_event(event):
-            addresses = {label: address for address, label in self._labels.items()}
-            self._session.choose_source(addresses[self._camera.value])
+        addresses = {label: address for address, label in self._labels.items()}
+        self._session.choose_source(addresses[self._camera.value])
 
     def _set_exposure(self, event: GuiEvent[Any]) -> None:
         """Set the exposure that a person has typed, unless it is beyond the limits, as the 1 of 15 while it is typed may be."""
         wanted_ms, limits = float(self._exposure.value), self._limits
-        if is_user_event(event) and limits is not None and limits.least_ms <= wanted_ms <= limits.most_ms:
+        if limits is not None and limits.least_ms <= wanted_ms <= limits.most_ms:
             attempt(event.client, lambda: self._session.set_exposure(wanted_ms))
 
     def _brighten(self, event: GuiEvent[Any]) -> None:
-        """Change the exposure by a factor, within its limits."""
         limits = self._limits
         if limits is not None:
             wanted_ms = limits.now_ms * _BRIGHTER[self._brighter.value]
@@ -228,7 +223,7 @@ class SimulatedSensorControls:
         self.folder = gui.add_folder(title)
         with self.folder:
             self._plays = gui.add_checkbox(plays_label, simulated.plays_by_itself)
-        self._plays.on_update(self._play)
+        on_user_change(self._plays, self._play)
 
     def hold(self, held: HeldCalibrationObject) -> None:
         """Press the sensor as a person wants it."""
@@ -242,15 +237,23 @@ class SimulatedSensorControls:
             self._follower.follow((control, value))
 
     def _play(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event):
-            self._simulated.plays_by_itself = self._plays.value
+        self._simulated.plays_by_itself = self._plays.value
+
+
+def add_action_button(
+    gui: GuiApi, label: str, icon: IconName, action: Callable[[], Any], color: Literal["gray"] | None = None
+) -> GuiButtonHandle:
+    """Add a button that does something, or shows why that is refused."""
+    button = gui.add_button(label, color=color, icon=icon)
+    button.on_click(lambda event: attempt(event.client, action))
+    return button
 
 
 def attempt(client: ClientHandle | None, action: Callable[[], Any]) -> None:
     """Do what a button says, and show why where it is refused."""
     try:
         action()
-    except NinedtactError as refusal:
+    except (NinedtactError, OSError) as refusal:
         if client is not None:
             client.add_notification("Not done", str(refusal), color="red", auto_close_seconds=NOTICE_S)
 

@@ -92,13 +92,10 @@ class SwitchableCamera:
                 self._opened.set_exposure(exposure_ms)
                 self._wanted_exposure_ms[self.source] = exposure_ms
 
-    def images(
-        self, is_wanted: Callable[[], bool], on_end: Callable[[], None], on_trouble: Callable[[str], None]
-    ) -> Iterator[BgrImage]:
-        """Yield the images of the source while they are wanted, until another is chosen or the source is lost.
+    def images(self, is_wanted: Callable[[], bool]) -> Iterator[BgrImage]:
+        """Yield the images of the source while they are wanted, until another is chosen.
 
-        on_end: called at the end of a recording. on_trouble: called with a sentence where no images arrive. After either, the next
-        attempt is due.
+        Raises `SourceEnded` at the end of a recording, and what opening or reading another source raises.
         """
         with self._lock:
             self._reopen, source = False, self.source
@@ -109,13 +106,6 @@ class SwitchableCamera:
                 self._adopt(opened, source)
                 while is_wanted() and not (self.closing.is_set() or self._reopen):
                     yield camera.read().image
-        except SourceEnded:
-            on_end()
-            self.closing.wait(RETRY_S)
-        except (NinedtactError, OSError) as trouble:
-            if source == self.source:
-                on_trouble(str(trouble))
-            self.closing.wait(RETRY_S)
         finally:
             with self._lock:
                 self._opened = None
@@ -221,7 +211,6 @@ class GuidedSession(ABC, Generic[State]):
             self._set(exposure=self.camera.exposure)
 
     def _set(self, **changes: object) -> None:
-        """Change fields of the state."""
         with self._changed:
             self._state = replace(self._state, **changes)  # type: ignore[arg-type]
             self._changed.notify_all()
@@ -238,8 +227,17 @@ class GuidedSession(ABC, Generic[State]):
 
     def _watch_camera(self, is_wanted: Callable[[], bool]) -> None:
         """Evaluate the images of the chosen source while they are wanted, until another is chosen or it is lost."""
-        for image in self.camera.images(is_wanted, self._end_recording, lambda said: self._set(camera_trouble=said)):
-            self._evaluate(image)
+        source = self.camera.source
+        try:
+            for image in self.camera.images(is_wanted):
+                self._evaluate(image)
+            return
+        except SourceEnded:
+            self._end_recording()
+        except (NinedtactError, OSError) as trouble:
+            if source == self.camera.source:
+                self._set(camera_trouble=str(trouble))
+        self.camera.closing.wait(RETRY_S)
 
     def _run_until_closed(self) -> None:
         """Run, and hand an error that is no refusal to whoever asks for the state."""

@@ -100,7 +100,6 @@ def sticking_legend_html() -> str:
 
 
 def _hex_colour(rgb: Sequence[int]) -> str:
-    """Return a colour as CSS writes it."""
     return f"#{bytes(rgb).hex()}"
 
 
@@ -114,7 +113,6 @@ def profile_summary_html(profile: HeightProfile) -> str:
 
 
 def _format_height(profile: HeightProfile, number: int) -> str:
-    """Return the height at one point of a line, with the true one where it is known."""
     height = profile.height_mm[number]
     seen = f"{height:+.2f} mm" if np.isfinite(height) else "out of view"
     true = "" if profile.true_mm is None else f" (true {profile.true_mm[number]:+.2f} mm)"

@@ -89,7 +89,6 @@ def _warning_sentence(reading: Reading) -> str:
 
 
 def _format_duration(ms: float) -> str:
-    """Return a duration in suitable units."""
     return f"{ms:.0f} ms" if ms < 1000 else f"{ms / 1000:.1f} s" if ms < 60_000 else f"{ms / 60_000:.0f} min"
 
 
@@ -123,7 +122,7 @@ class SensorMoment:
             status = SensorStatusMessage("held", "frozen, a moment of a recording is shown")
         else:
             status = most_urgent_status(now.snapshot, self.reading, True, now_ns)
-        return replace(self, status=status, view=self.view.dimmed_copy() if status.is_past else self.view.bright_copy())
+        return replace(self, status=status, view=self.view.with_past(status.is_past))
 
 
 @dataclass(frozen=True)
@@ -196,15 +195,14 @@ class DisplayedSensor:
         """Show a reading from now on, with its heights in these colours."""
         if reading is None or reading is self.shown_reading:
             return
-        press = None if self.press is None else self.press.press_at(reading.stamp_ns)
+        press = None if self.press is None else self.press.simulation.press_at(reading.stamp_ns)
         self._view, self._views = ReadingView(reading, scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
     def moment(self, snapshot: SensorSnapshot, status: SensorStatusMessage) -> SensorMoment:
         """Return the newest view with everything that belongs to its moment."""
-        if self._view is not None and self._view.is_past != status.is_past:
-            # A view that is dimmed, or no longer, is another view: nothing of it has been drawn yet.
-            self._view = self._view.dimmed_copy() if status.is_past else self._view.bright_copy()
+        if self._view is not None:
+            self._view = self._view.with_past(status.is_past)
         now_ns = time.monotonic_ns()
         wrenches = tuple(self._wrench_of_moment(history, now_ns) for history in self.wrenches)
         return SensorMoment(status, snapshot, self._view, wrenches, self._shown.hz(now_ns), self.name)
@@ -235,7 +233,7 @@ class PageController:
         """The colours of the heights of all sensors."""
         self._changed, self._page_ms = Event(), dict[str, float]()
         for one in self.sensors:
-            one.poller.notify(self._changed)
+            one.poller.changed = self._changed
 
     def run(
         self, display: PageMomentDisplay, display_hz: float = 15.0, until: Callable[[], bool] = lambda: False

@@ -28,7 +28,6 @@ _Transfer: dict[str, Any] = {"source_component_uuid": _Text, "transfer_uuid": _T
 
 
 def _message(kind: str, **fields: Any) -> Any:
-    """Return the type of a message of viser's page with just these fields."""
     return msgspec.defstruct(kind, [*fields.items()], tag_field="type", tag=kind, forbid_unknown_fields=True)
 
 

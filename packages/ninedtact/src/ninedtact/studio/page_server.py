@@ -47,6 +47,7 @@ _INTRODUCED_WITHIN_S = 10.0
 _FETCHED_WITHIN_S = 30.0
 _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """What a page of this version of viser states when it connects."""
+_DROPPED = "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently"
 _PASSED_ON = ("Content-Type", "Content-Encoding")
 
 
@@ -67,12 +68,12 @@ class PageServer:
         loop.call_soon_threadsafe(loop.set_exception_handler, partial(_log_failed_task, one_line_logger()))
         self.viser.on_client_connect(self._note_client)
 
-    def listen(self, host: str, ports: Sequence[int]) -> None:
+    def listen(self, ports: Sequence[int]) -> None:
         """Open the front at the first of these ports that is free; raises `DeviceError`."""
-        with port_errors(host, ports[-1], "the page"):
+        with port_errors(self._guard.host, ports[-1], "the page"):
             for port in ports:
                 try:
-                    self._front = self._run(self._open_front(host, port))
+                    self._front = self._run(self._open_front(port))
                     break
                 except OSError as trouble:
                     if trouble.errno != errno.EADDRINUSE or port == ports[-1]:
@@ -96,13 +97,11 @@ class PageServer:
     def _run(self, task: Any) -> Any:
         return asyncio.run_coroutine_threadsafe(task, self.viser.get_event_loop()).result()
 
-    async def _open_front(self, host: str, port: int) -> Server:
+    async def _open_front(self, port: int) -> Server:
         return await self._guard.serve(
             self._connect,
-            host,
             port,
-            is_expected=lambda message: decode_page_message(message) is not None,
-            process_request=self._fetch,
+            self._fetch,
             compression=None,  # viser compresses by itself
             select_subprotocol=_select_viser_protocol,
         )
@@ -125,7 +124,6 @@ class PageServer:
         return await asyncio.to_thread(fetch)
 
     async def _connect(self, browser: GuardedConnection) -> None:
-        """Pass the messages of one browser on to viser, and those of viser to the browser, until one of them ends."""
         if browser.subprotocol != _VISER_PROTOCOL:
             got = (browser.subprotocol or "unknown").removeprefix("viser-v")[:20]
             expected = f"expected a page of viser {viser.__version__}, got {got}; load it again"
@@ -136,11 +134,15 @@ class PageServer:
         await relay(browser, address, _VISER_PROTOCOL, partial(self._pass_to_page, browser))
 
     async def _pass_to_page(self, browser: GuardedConnection, page: ClientConnection) -> None:
-        uploads, client_id = UploadTest(), None
+        uploads, client_id, has_dropped = UploadTest(), None, False
         try:
             async for message in browser:
                 content = decode_page_message(message)
-                if client_id is None and isinstance(content, CameraMessage):
+                if content is None:
+                    if not has_dropped:
+                        browser.logger.warning(_DROPPED, len(message), format_peer(browser))
+                    has_dropped = True
+                elif client_id is None and isinstance(content, CameraMessage):
                     client_id = await self._introduce(page, message)
                     self._browsers[client_id] = browser
                 elif uploads.accepts(content):
@@ -186,15 +188,14 @@ def standalone_scene_html(draw: Callable[[viser.ViserServer], None]) -> str:
 
 
 @contextmanager
-def page_server(host: str, port: int | None, guard: SocketGuard | None = None) -> Iterator[PageServer]:
+def page_server(guard: SocketGuard, port: int | None = 0) -> Iterator[PageServer]:
     """Serve until the `with` block ends; raises `DeviceError`.
 
-    port: 0 takes any free port, None the first of `DEFAULT_PORTS` that is free. guard: the rules by which requests are accepted;
-    without it those of the host, without further allowed origins.
+    port: 0 takes any free port, None the first of `DEFAULT_PORTS` that is free.
     """
-    server = PageServer(guard or SocketGuard.for_host(host))
+    server = PageServer(guard)
     try:
-        server.listen(host, DEFAULT_PORTS if port is None else [port])
+        server.listen(DEFAULT_PORTS if port is None else [port])
         run_in_browsers(server, _PAGE_SCRIPT.replace("PROGRAM", json.dumps(token_urlsafe())))
         yield server
     finally:

@@ -28,7 +28,6 @@ from ninedtact.simulation.objects.mesh_objects import (
 )
 from ninedtact.simulation.press_sequence import PressSequence
 from ninedtact.simulation.trajectory import HOVER_MM
-from ninedtact.simulation.twin import Press
 
 OBJECTS_BY_KIND: dict[str, tuple[str, ...]] = {"primitives": tuple(PRIMITIVES)} | {
     kind: tuple(families) for kind, families in FAMILIES_BY_KIND.items()
@@ -98,36 +97,19 @@ class TwinPressController:
         }
         """The least and the largest value of each number of `HandPressState`."""
         self._lock = RLock()
-        self._state, self._revision = HandPressState(), 0
-        self._own_mesh: MeshObject | None = None
-
-    @property
-    def state(self) -> HandPressState:
+        self.state = HandPressState()
         """The object and where it is held."""
-        with self._lock:
-            return self._state
-
-    @property
-    def revision(self) -> int:
-        """Number of changes until now."""
-        with self._lock:
-            return self._revision
-
-    @property
-    def own_mesh(self) -> Indenter | None:
+        self.revision = 0
+        """Number of changes of the state until now; it is raised after the state has changed."""
+        self.own_mesh: Indenter | None = None
         """The object that a person has brought last; None before."""
-        with self._lock:
-            return None if self._own_mesh is None else self._own_mesh.relief
-
-    def press_at(self, stamp_ns: int) -> Press | None:
-        """Return the object and the contact at the stamp of an image."""
-        return self.simulation.press_at(stamp_ns)
 
     def play(self) -> None:
         """Let the press sequence play."""
         with self._lock:
             self.simulation.hand.release()
-            self._state, self._revision = replace(self._state, is_playing=True), self._revision + 1
+            self.state = replace(self.state, is_playing=True)
+            self.revision += 1
 
     def move(self, **changes: Any) -> None:
         """Hold the object somewhere else, within the limits; an object is taken into the hand if the sequence plays.
@@ -139,46 +121,44 @@ class TwinPressController:
             changes |= {
                 name: float(np.clip(changes[name], *ends)) for name, ends in self.limits.items() if name in changes
             }
-            wanted = replace(self._state, **changes)
+            wanted = replace(self.state, **changes)
             self.simulation.hand.aim(wanted.target)
-            self._state = wanted
-            if self._state.is_playing:
+            self.state = wanted
+            if self.state.is_playing:
                 self._take()
-            self._revision += 1
+            self.revision += 1
 
     def choose(self, kind: str, family: str, number: int = 1) -> None:
         """Take another object into the hand, at the same place, pressed gently; raises `InputError`, `FileFormatError`."""
         with self._lock:
-            wanted = replace(self._state, kind=kind, family=family, number=int(np.clip(number, 1, MAX_NUMBER)))
+            wanted = replace(self.state, kind=kind, family=family, number=int(np.clip(number, 1, MAX_NUMBER)))
             wanted = replace(wanted, depth_mm=START_DEPTH_MM, by_load=False, tilt_x_deg=0.0, tilt_y_deg=0.0)
             self._find_object(wanted)
-            self._state = wanted
+            self.state = wanted
             self.simulation.hand.aim(wanted.target)
             self._take()
-            self._revision += 1
+            self.revision += 1
 
     def upload(self, name: str, content: bytes, placement: MeshPlacement = MeshPlacement()) -> str:
         """Take one's own mesh into the hand and return a sentence about it; raises `FileFormatError`."""
         mesh = read_uploaded_mesh(name, content, placement)
         with self._lock:
-            self._own_mesh = mesh
+            self.own_mesh = mesh.relief
             self.choose(OWN_KIND, mesh.relief.name)
         size = " x ".join(f"{side:.1f}" for side in mesh.size_mm)
         cropped = "; only its middle is used" if mesh.cropped else ""
         return f"{mesh.relief.name}: {size} mm, {mesh.triangles} triangles{cropped}"
 
     def _take(self) -> None:
-        """Take the chosen object into the hand."""
-        self.simulation.hand.take(self._find_object(self._state))
-        self._state = replace(self._state, is_playing=False)
+        self.simulation.hand.take(self._find_object(self.state))
+        self.state = replace(self.state, is_playing=False)
 
     def _find_object(self, state: HandPressState) -> Indenter:
-        """Return the chosen object."""
         if state.kind != OWN_KIND:
             return indenter_from_name(state.object_name)
-        if self._own_mesh is None:
+        if self.own_mesh is None:
             raise FileFormatError(expected="a mesh of your own", got="none yet", remedy="upload an STL or OBJ file")
-        return self._own_mesh.relief
+        return self.own_mesh
 
 
 def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = MeshPlacement()) -> MeshObject:
@@ -220,10 +200,8 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
     return mesh
 
 
-def twist_and_tilts_deg(rotation: np.ndarray) -> dict[str, float]:
-    """Return twist and tilts in degrees of a rotation matrix, as `Pose.rotation` composes them."""
-    return {
-        "twist_deg": degrees(np.arctan2(rotation[1, 0], rotation[1, 1])),
-        "tilt_x_deg": degrees(np.arcsin(np.clip(-rotation[1, 2], -1, 1))),
-        "tilt_y_deg": degrees(np.arctan2(rotation[0, 2], rotation[2, 2])),
-    }
+def pose_fields(pose: Pose) -> dict[str, float]:
+    """Return the fields of `HandPressState` of an object in this pose; angles in degrees."""
+    turns = {name: degrees(getattr(pose, f"{name}_rad")) for name in ("twist", "tilt_x", "tilt_y")}
+    place = {name: float(getattr(pose, name)) for name in ("x_mm", "y_mm", "depth_mm")}
+    return place | {f"{name}_deg": angle for name, angle in turns.items()}

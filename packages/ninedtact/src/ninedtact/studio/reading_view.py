@@ -3,7 +3,7 @@
 A `ReadingView` belongs to one reading. What it draws is drawn when a viewer first asks for it, and once for all viewers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property, lru_cache
@@ -169,13 +169,9 @@ class ReadingView:
         """The measures of the shape."""
         return self.reading.summary
 
-    def dimmed_copy(self) -> "ReadingView":
-        """Return the view with dimmed colours, which mark it as not current."""
-        return self if self.is_past else replace(self, is_past=True, _drawn={})
-
-    def bright_copy(self) -> "ReadingView":
-        """Return the view in full brightness."""
-        return replace(self, is_past=False, _drawn={}) if self.is_past else self
+    def with_past(self, is_past: bool) -> "ReadingView":
+        """Return the view dimmed where it is not current, or in full brightness; nothing of another view has been drawn yet."""
+        return self if is_past == self.is_past else replace(self, is_past=is_past, _drawn={})
 
     def image(self, kind: ImageKind, with_outline: bool = False, source: ShownTraction = ShownTraction.TRUE) -> Image:
         """Return an image in BGR; where something is not known, the image is grey."""
@@ -234,7 +230,6 @@ class ReadingView:
         return HeightProfile(part * float(np.hypot(x[-1] - x[0], y[-1] - y[0])), z_mm, true_mm, points)
 
     def _draw(self, key: Any, draw: Callable[[], T]) -> T:
-        """Return what was drawn under a key, drawn now if it was not."""
         if key not in self._drawn:
             self._drawn[key] = draw()
         return cast("T", self._drawn[key])
@@ -251,7 +246,6 @@ class ReadingView:
         return _darken(image) if self.is_past else image
 
     def _full_image(self, kind: ImageKind, source: ShownTraction) -> Image:
-        """Return an image in full brightness, without the edge of the contact."""
         if kind is ImageKind.CAMERA:
             return self.reading.frame.image
         if kind is ImageKind.HEIGHT:
@@ -283,14 +277,12 @@ class ReadingView:
         return replace(surface, colours=_darken(surface.colours)) if self.is_past else surface
 
 
-def sensor_tiles(
-    views: Sequence[ReadingView], names: Sequence[str], kind: ImageKind, with_outline: bool, source: ShownTraction
-) -> Image:
+def sensor_tiles(views: Mapping[str, ReadingView], kind: ImageKind, with_outline: bool, source: ShownTraction) -> Image:
     """Return the same image of several sensors side by side, with their names, in BGR."""
-    images = [view.image(kind, with_outline, source) for view in views]
+    images = [view.image(kind, with_outline, source) for view in views.values()]
     rows, cols = images[0].shape[0] * TILE_WIDTH_PX // images[0].shape[1], TILE_WIDTH_PX
     tiles = [np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_AREA), np.uint8) for image in images]
-    for tile, name in zip(tiles, names, strict=True):
+    for tile, name in zip(tiles, views, strict=True):
         cv2.rectangle(tile, (0, 0), (9 * len(name) + 8, 18), (30, 30, 30), cv2.FILLED)
         cv2.putText(tile, name, (4, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
     tiles += [np.full_like(tiles[0], 90)] * (len(tiles) % 2)
@@ -315,7 +307,6 @@ def _heights_at(height: HeightMap, x_mm: Float[Array, " n"], y_mm: Float[Array, 
 
 
 def _true_heights_at(press: Press, x_mm: Float[Array, " n"], y_mm: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the heights of the simulated skin at positions."""
     contact = press.corrected
     at = grid_indices_at_positions(
         contact.skin.grid, contact.centre_mm, x_mm[None].astype(np.float32), y_mm[None].astype(np.float32)

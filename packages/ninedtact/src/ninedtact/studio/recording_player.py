@@ -15,7 +15,6 @@ from operator import or_
 from pathlib import Path
 from threading import Event, RLock, Thread
 from time import monotonic
-from types import TracebackType
 
 import cv2
 import numpy as np
@@ -85,17 +84,13 @@ class RecordedReadings:
         estimated = self.recording.message_of_image(Topic.ESTIMATED, frame)
         return reading if estimated is None else reading.with_force(self.recording.estimate(estimated))
 
-    def readings(self, first: int = 0, last: int | None = None) -> Iterator[Reading]:
-        """Yield the readings from one number up to and including another."""
-        return map(self.reading, range(first, len(self) if last is None else last + 1))
-
     def fill(self, history: WrenchHistory) -> None:
         """Add all wrenches of the recording that belong to a history of estimates, or of measured wrenches."""
         topic = Topic.ESTIMATED if history.states_errors else Topic.MEASURED
         positions = self.recording.positions(topic)
         for position in positions[np.argsort(positions["stamp_ns"], kind="stable")]:
             if history.states_errors:
-                history.add_estimate(self.recording.estimate(self.recording.message(position)))
+                history.add_estimate(self.recording.estimate(self.recording.file.message(position)))
             else:
                 history.add(WrenchWithUncertainty(self.recording.wrench(position), UNKNOWN_STD))
 
@@ -106,7 +101,7 @@ class RecordedReadings:
     def __enter__(self) -> "RecordedReadings":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
@@ -269,7 +264,9 @@ class RecordingPlayer:
         """The labelled spans of the file, in the order of their beginnings, as of the last edit by this player."""
         self.number = 0
         """Number of the newest image that is shown, from 0."""
-        self.speed, self._is_playing, self._at_s = 1.0, False, 0.0
+        self.speed, self._at_s = 1.0, 0.0
+        self.is_playing = False
+        """Whether time goes on."""
         self._lock, self._ticked_at = RLock(), monotonic()
 
     def __len__(self) -> int:
@@ -285,22 +282,12 @@ class RecordingPlayer:
         """Time of the newest image that is shown, in seconds after the first."""
         return float(self._times_s[self.number])
 
-    @property
-    def is_playing(self) -> bool:
-        """Whether time goes on."""
-        return self._is_playing
-
-    @property
-    def sensor_id(self) -> str:
-        """The id of the sensor that was recorded."""
-        return self._recording.sensor
-
     def toggle_play(self) -> None:
         """Let time go on, or stop it; at the end it begins again."""
         with self._lock:
             self._advance()
-            self._is_playing = not self._is_playing
-            if self._is_playing and self.number == len(self) - 1:
+            self.is_playing = not self.is_playing
+            if self.is_playing and self.number == len(self) - 1:
                 self.number, self._at_s = 0, 0.0
 
     def seek(self, at_s: float) -> None:
@@ -342,8 +329,8 @@ class RecordingPlayer:
             repetition = self.number - int(np.searchsorted(self._stamps_ns, at_ns))
             for one in self.sensors:
                 one.seek(at_ns, repetition)
-            self._is_playing = self._is_playing and not any(one.trouble for one in self.sensors)
-            state = f"playing at {self.speed:g} ×" if self._is_playing else "paused"
+            self.is_playing = self.is_playing and not any(one.trouble for one in self.sensors)
+            state = f"playing at {self.speed:g} ×" if self.is_playing else "paused"
             state = f"recorded, {at_s:.2f} of {self.duration_s:.2f} s, {state}"
             shown_hz = newest.sensors[0].shown_hz
             return replace(newest, sensors=tuple(one.moment(at_ns, at_s, state, shown_hz) for one in self.sensors))
@@ -356,13 +343,12 @@ class RecordingPlayer:
 
     def _stop_at(self, number: int) -> None:
         with self._lock:
-            self._is_playing, self.number, self._at_s = False, number, float(self._times_s[number])
+            self.is_playing, self.number, self._at_s = False, number, float(self._times_s[number])
 
     def _advance(self) -> None:
-        """Let the time that has passed go by, at the chosen speed."""
         now = monotonic()
-        if self._is_playing:
+        if self.is_playing:
             self._at_s = min(self._at_s + (now - self._ticked_at) * self.speed, self.duration_s)
-            self._is_playing = self._at_s < self.duration_s
+            self.is_playing = self._at_s < self.duration_s
             self.number = max(self.number, int(np.searchsorted(self._times_s, self._at_s + 1e-6, side="right")) - 1)
         self._ticked_at = now

@@ -36,7 +36,7 @@ from ninedtact.studio.page_cards import (
 from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
 from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
 from ninedtact.studio.saved_files import save_surface_sequence, save_video
-from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
+from ninedtact.studio.viewer import Side, ViewerPage, on_user_change
 
 NOTHING, WHOLE = "none", "the whole recording"
 STEPS = {"back": -1, "play": 0, "next": 1}
@@ -96,7 +96,6 @@ class RecordingsPanel:
 
     @property
     def _opened(self) -> RecordingPlayer:
-        """What is open; raises `InputError`."""
         if self._player is None:
             raise InputError(expected="an open recording to export", got="none", remedy="open one first")
         return self._player
@@ -110,19 +109,19 @@ class RecordingsPanel:
             if self._context.opens is None:
                 self._choice = gui.add_dropdown("recording", (NOTHING,), hint=f"recordings in {self._out}")
                 self._close_button = gui.add_button("Back to the sensor", icon=Icon.PLAYER_EJECT, visible=False)
-                self._choice.on_update(self._choose)
+                on_user_change(self._choice, self._choose)
                 self._close_button.on_click(lambda event: self._close())
             self._play_folder, self._slider = folder, gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
             self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play: or pause")
             self._speed = gui.add_dropdown("speed", tuple(_SPEED_OF_NAME), initial_value="1 ×", visible=False)
             self._steps.on_click(lambda event: self._step(STEPS[event.target.value]))
-            self._speed.on_update(self._set_speed)
+            on_user_change(self._speed, self._set_speed)
             self._keys = gui.add_html(card_html("lines", texts=[PLAY_KEYS]), visible=False)
         self._labels = gui.add_folder("labels", visible=False)
         with self._labels:
             self._list = gui.add_html("")
             self._label_choice = gui.add_dropdown("label", (WHOLE,))
-            self._label_choice.on_update(self._go_to_label)
+            on_user_change(self._label_choice, self._go_to_label)
             self._label_name = gui.add_text("name", "")
             self._marks = gui.add_button_group("here", ("begins", "ends"))
             self._marks.on_click(self._mark)
@@ -154,9 +153,10 @@ class RecordingsPanel:
         if recorder is not None:
             state = recorder.state()
             self._show_recorder(state)
-        if self._player is not None and self._player.at_s != self._slid_s:
+        player = self._player
+        if player is not None and player.at_s != self._slid_s:
             # Only where time has gone on by itself: a slider that a person drags must not be set back.
-            self._slid_s = self._player.at_s
+            self._slid_s = player.at_s
             self._slider.value = round(self._slid_s, 3)
         is_due = monotonic() - self._listed_at > _LIST_EVERY_S or state.is_running != self._was_running
         if self._context.opens is None and is_due:
@@ -198,16 +198,14 @@ class RecordingsPanel:
         self._recorded.content = recorder_html(state)
 
     def _list_recordings(self, state: RecorderState) -> None:
-        """Offer the recordings of the folder, newest first, without the one that is being written."""
         paths = sorted(self._out.glob("*.mcap"), reverse=True) if self._out.is_dir() else []
         names = (NOTHING, *(path.name for path in paths if not state.is_running or path != state.path))
         if names != self._choice.options:
             self._choice.options = names
 
     def _choose(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event):
-            name = str(event.target.value)
-            self._close() if name not in self._choice.options[1:] else self._open(self._out / name)
+        name = str(event.target.value)
+        self._close() if name not in self._choice.options[1:] else self._open(self._out / name)
 
     def _open(self, path: Path) -> None:
         """Show a recording in place of the sensor, to this viewer."""
@@ -228,7 +226,6 @@ class RecordingsPanel:
         self._show_controls()
 
     def _close(self) -> None:
-        """Show the sensor again."""
         self._player, self._opened_name = None, NOTHING
         self._viewer.play(None)
         self._show_controls()
@@ -242,16 +239,17 @@ class RecordingsPanel:
             self._choice.value = self._opened_name  # also where another one could not be opened
 
     def _seek(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event) and self._player is not None:
-            self._player.seek(float(event.target.value))
-            self._slid_s = self._player.at_s
+        player = self._player
+        if player is not None:
+            player.seek(float(event.target.value))
+            self._slid_s = player.at_s
 
     def _step(self, images: int) -> None:
         if self._player is not None:
             self._player.step(images) if images else self._player.toggle_play()
 
     def _set_speed(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event) and self._player is not None:
+        if self._player is not None:
             self._player.speed = _SPEED_OF_NAME.get(str(event.target.value), 1.0)
 
     def _chosen_span(self) -> LabelledSpan | None:
@@ -260,10 +258,10 @@ class RecordingsPanel:
         return spans[0] if spans else None
 
     def _go_to_label(self, event: GuiEvent[Any]) -> None:
-        span = self._chosen_span()
-        if is_user_event(event) and self._player is not None and span is not None:
-            self._player.seek(self._player.span_s(span)[0])
-            self._marks_s = list(self._player.span_s(span))
+        player, span = self._player, self._chosen_span()
+        if player is not None and span is not None:
+            self._marks_s = list(player.span_s(span))
+            player.seek(self._marks_s[0])
             self._show_marks()
 
     def _mark(self, event: GuiEvent[Any]) -> None:
@@ -283,10 +281,12 @@ class RecordingsPanel:
         player.remove_span(span)
 
     def _edit(self, change: Callable[[RecordingPlayer], None]) -> None:
-        if self._player is not None:
+        player = self._player
+        if player is not None:
             with self._viewer.notify_refusal("Label not changed"):
-                change(self._player)
-            self._show_labels(self._player)
+                change(player)
+            if self._player is player:  # which may have been closed while its file was written
+                self._show_labels(player)
 
     def _show_labels(self, player: RecordingPlayer) -> None:
         names = [_span_name(player, span) for span in player.spans]
@@ -303,14 +303,13 @@ class RecordingsPanel:
             self._slider = self._gui.add_slider(
                 "time (s)", 0.0, end_s, 0.001, at_s, marks=marks, order=before.order, visible=before.visible
             )
-        self._slider.on_update(self._seek)
+        on_user_change(self._slider, self._seek)
         before.remove()
 
     def _show_marks(self) -> None:
         self._marked.content = card_html("lines", texts=["marked: {:.2f} to {:.2f} s".format(*self._marks_s)])
 
     def _export(self, export: "Export", event: GuiEvent[Any]) -> None:
-        """Write into a new file or folder, one export at a time, and offer a file to the browser too."""
         result = ""
         with self._viewer.notify_refusal("Not exported"):
             with self._quota.one_export():
@@ -327,14 +326,16 @@ class RecordingsPanel:
         moment = None if newest is None else self._viewer.choose_shown(newest)[0]
         if moment is None or moment.view is None:
             raise InputError(WITHOUT_READING)
-        view, path = moment.view.bright_copy(), self._out / f"moment_{time}.html"
+        view, path = moment.view.with_past(False), self._out / f"moment_{time}.html"
         cards = (
             status_html(moment.status),
             shape_summary_html(view.summary, False),
             explained_wrench_table_html(moment.wrenches, False),
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
-        sensor = moment.name or (self._context.sensor.id if self._player is None else self._player.sensor_id)
+        sensor = moment.name or (
+            self._context.sensor.id if self._player is None else self._player.sensors[0].readings.recording.sensor
+        )
         title = f"{sensor}, {moment.status.sentence}"
         wrench = None if sample is None else sample.wrench
         content = standalone_moment_html(view, cards, self._viewer.block, title, wrench).encode()
@@ -370,7 +371,6 @@ class RecordingsPanel:
 
     @contextmanager
     def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
-        """Give the readings of the chosen label, or all, and say how many have been asked for."""
         readings, numbers = self._chosen_sensor.readings_within(self._chosen_span())
         with readings:
             if not numbers:
@@ -399,6 +399,5 @@ def _file_name(path: Path) -> str:
 
 
 def _span_name(player: RecordingPlayer, span: LabelledSpan) -> str:
-    """Return a label with its times."""
     begin_s, end_s = player.span_s(span)
     return f"{span.label}: {begin_s:.2f} to {end_s:.2f} s"

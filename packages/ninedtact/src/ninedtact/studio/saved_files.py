@@ -159,25 +159,23 @@ def moment_json_dict(reading: Reading, status: str, wrenches: Iterable[WrenchSou
 
 
 def _finite_numbers(values: Float64[Array, " n"]) -> list[float | None]:
-    """Return the numbers for JSON, which has no word for those that are not finite."""
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def save_surface_sequence(readings: Iterable[Reading], out: Path, quota: SaveQuota) -> int:
-    """Write the surface of every reading as PLY into a new folder, and return their number; raises `OutputError`."""
-    count = written = 0
+def save_surface_sequence(readings: Iterable[Reading], out: Path, quota: SaveQuota) -> None:
+    """Write the surface of every reading as PLY into a new folder; raises `OutputError`."""
+    written = 0
     with create_folder_atomically(out) as folder:
-        for reading in readings:
+        for count, reading in enumerate(readings, start=1):
             path = folder / f"surface_{reading.frame.index:08d}.ply"
             export_shape(reading.height, path, SEQUENCE_EVERY)
-            count, written = count + 1, written + path.stat().st_size
+            written += path.stat().st_size
             quota.require_space(written, folder, f"a sequence of {count} surfaces")
     quota.add_bytes(written)
-    return count
 
 
-def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path: Path, quota: SaveQuota) -> int:
-    """Write camera image and heights side by side as MP4 (MPEG-4), and return the number of images.
+def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path: Path, quota: SaveQuota) -> None:
+    """Write camera image and heights side by side as MP4 (MPEG-4).
 
     Raises `FileNotWritten`, also where the disk is full, which OpenCV does not report by itself.
     """
@@ -202,7 +200,6 @@ def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path:
     finally:
         writer.release()
         partial.unlink(missing_ok=True)
-    return count
 
 
 def _require_images(video: Path, count: int, final: Path) -> None:
@@ -219,7 +216,6 @@ def _require_images(video: Path, count: int, final: Path) -> None:
 
 
 def _draw_picture(reading: Reading, scale: ColourScale, at_s: float) -> UInt8[Array, "rows cols 3"]:
-    """Return camera image and coloured heights side by side, over the time and what is measured."""
     image, heights = reading.frame.image, colourise_heights(reading.height, scale)
     rows = image.shape[0]
     heights = cv2.resize(heights, (round(heights.shape[1] * rows / heights.shape[0]), rows))

@@ -55,7 +55,6 @@ def _grip_force(
 
 
 def _has_force(moment: SensorMoment, sample: WrenchWithUncertainty | None) -> bool:
-    """Return whether the normal force of a sensor is current and known."""
     return sample is not None and not moment.status.is_past and not np.isinf(sample.std[2])
 
 
@@ -92,7 +91,6 @@ def group_wrench_table_html(moments: Sequence[SensorMoment]) -> str:
 
 
 def _format_grip(grip: GripForce) -> tuple[str, str]:
-    """Return a grip force and its standard deviation, which may be empty."""
     if grip.force_n is None:
         return f"unknown without {grip.missing}", ""
     return f"{format_signed_hundredths(grip.force_n)} N", f"{grip.std_n:.2f}" if np.isfinite(grip.std_n) else ""

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 
-from ninedtact.errors import NinedtactError
 from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.page_cards import (
     card_html,
@@ -88,12 +87,9 @@ class StatusPanel:
 
     def _save(self) -> None:
         """Save the sensors that have been read, in a thread of viser, so that a slow disk delays neither sensor nor page."""
-        try:
+        with self._viewer.notify_refusal("Not saved"):
             moment = self._viewer.moment
             paths = self._viewer.controller.save(() if moment is None else self._viewer.choose_shown(moment))
-        except (NinedtactError, OSError) as trouble:
-            self._viewer.notify("Not saved", str(trouble), "red")
-        else:
             self._viewer.notify("Saved", f"{len(paths)} files in {paths[0].parent}", "green")
 
 
@@ -148,7 +144,6 @@ class ReferenceAndRatesPanel:
 
 
 def _format_rates(moment: SensorMoment) -> dict[str, str]:
-    """Return the rates from camera to browser."""
     dropped = moment.reading.dropped if moment.reading else 0
     return {
         "camera": f"{moment.snapshot.delivered_hz:.1f} images/s",

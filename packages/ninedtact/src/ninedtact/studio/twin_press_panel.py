@@ -12,7 +12,7 @@ import numpy as np
 from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent
 from viser.transforms import SO3
 
-from ninedtact.errors import NinedtactError
+from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.mesh_objects import MM_PER_UNIT, MeshPlacement
 from ninedtact.studio.page_cards import card_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
@@ -25,9 +25,9 @@ from ninedtact.studio.press_control import (
     UPLOAD_SUFFIXES,
     HandPressState,
     TwinPressController,
-    twist_and_tilts_deg,
+    pose_fields,
 )
-from ninedtact.studio.viewer import ControlFollower, Side, ViewerPage, is_user_event
+from ninedtact.studio.viewer import ControlFollower, Side, ViewerPage, on_user_change
 
 HANDLE_LIFT_MM = 7.0
 """Height of the 3D handle over the lowest point of the object, so that both can be seen."""
@@ -96,17 +96,20 @@ class TwinPressPanel:
             self._unit = gui.add_dropdown("unit", (FIT, *MM_PER_UNIT), initial_value="mm")
             self._side = gui.add_dropdown("side that faces the skin", tuple(_SIDES))
             upload = gui.add_upload_button("Upload a mesh", icon=Icon.UPLOAD, mime_type=",".join(UPLOAD_SUFFIXES))
-        self._mode.on_update(self._choose_mode)
+        on_user_change(self._mode, self._choose_mode)
         for chooser in (self._kind, self._family, self._number):
-            chooser.on_update(self._choose_object)
+            on_user_change(chooser, self._choose_object)
         for name, slider in self._sliders.items():
-            slider.on_update(partial(self._move, name))
+            on_user_change(slider, partial(self._move, name))
         upload.on_upload(self._upload)
         self._add_handle()
 
     def update(self, moment: PageMoment) -> None:
         """Follow what other viewers do, and say how the contact is."""
-        state, followed = self._control.state, (self._viewer.options.sensor or 0, self._control.revision)
+        followed = self._viewer.options.sensor or 0, self._control.revision
+        state = (
+            self._control.state
+        )  # read after its revision, so that a change in between is followed at the next refresh
         if followed != self._followed:
             self._followed = followed if self._follow(state) else (-1, -1)
         shown = self._viewer.choose_shown(moment)[0]
@@ -128,7 +131,6 @@ class TwinPressPanel:
         self._handle.on_update(self._follow_drag)
 
     def _show_handle(self, state: HandPressState, moment: SensorMoment) -> None:
-        """Put the handle where the object is held, unless this viewer is dragging it."""
         press = None if moment.view is None else moment.view.press
         pose = press.pose if press is not None and (state.is_playing or state.by_load) else state.target.pose
         x, y, z = (float(part) for part in pose.origin_mm + np.array(self._place_mm))
@@ -147,13 +149,11 @@ class TwinPressPanel:
         with self._noting:
             self._is_dragged = event.phase != "end" and event.client is not None
             if event.phase == "update" and event.client is not None and is_rotation:
-                x, y, z = np.array(event.target.position) - self._place_mm
-                moved = {"x_mm": float(x), "y_mm": float(y), "depth_mm": HANDLE_LIFT_MM - float(z)}
-                rotation = SO3(np.asarray(event.target.wxyz)).as_matrix()
-                self._dragged_to = moved | twist_and_tilts_deg(rotation)
+                origin_mm = np.array(event.target.position) - self._place_mm - (0.0, 0.0, HANDLE_LIFT_MM)
+                pose = Pose.from_frame(origin_mm, SO3(np.asarray(event.target.wxyz)).as_matrix())
+                self._dragged_to = pose_fields(pose)
 
     def _follow_drag(self, event: TransformControlsEvent) -> None:
-        """Move the object to where the handle was dragged last."""
         with self._moving:
             moved = self._dragged_to
             try:
@@ -165,13 +165,9 @@ class TwinPressPanel:
 
     @property
     def _place_mm(self) -> tuple[float, float, float]:
-        """The middle of the twin that the controls follow, in the scene."""
         return self._viewer.arrangement.places_mm[0]
 
     def _choose_mode(self, event: GuiEvent[Any]) -> None:
-        """Let the sequence play, or hold the object to a depth or under a load."""
-        if not is_user_event(event):
-            return
         for control in self._pressed:
             if event.target.value == _SEQUENCE:
                 control.play()
@@ -180,38 +176,27 @@ class TwinPressPanel:
 
     def _choose_object(self, event: GuiEvent[Any]) -> None:
         """Take another object, the first one of a kind that was not shown before."""
-        if not is_user_event(event):
-            return
         kind, family = str(self._kind.value), str(self._family.value)
         if kind == OWN_KIND:
             (family,) = self._names_of_kind(kind)
         elif family not in OBJECTS_BY_KIND.get(kind, ()):
             family = OBJECTS_BY_KIND[kind][0] if kind in OBJECTS_BY_KIND else ""
-        try:
+        self._followed = (-1, -1)  # so that the controls show the present object again where this one is refused
+        with self._viewer.notify_refusal("Not taken"):
             for control in self._pressed:
                 control.choose(kind, family, int(self._number.value))
-        except NinedtactError as trouble:
-            self._followed = (-1, -1)
-            self._viewer.notify("Not taken", str(trouble), "red")
 
     def _move(self, name: str, event: GuiEvent[Any]) -> None:
-        """Hold the object where a slider is."""
-        if not is_user_event(event):
-            return
         by_load = {"depth_mm": {"by_load": False}, "load_n": {"by_load": True}}.get(name, {})
         for control in self._pressed:
             control.move(**{name: float(event.target.value)}, **by_load)
 
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
-        """Press one's own mesh, or say in one sentence why it cannot be."""
         unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
         placement = MeshPlacement(unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FIT_MM if unit == FIT else None)
-        try:
+        with self._viewer.notify_refusal("Mesh not taken"):
             file = event.target.value
             said = {control.upload(file.name, file.content, placement) for control in self._pressed}
-        except NinedtactError as trouble:
-            self._viewer.notify("Mesh not taken", str(trouble), "red")
-        else:
             self._viewer.notify("Mesh taken", " ".join(said), "green")
 
     def _names_of_kind(self, kind: str) -> tuple[str, ...]:
@@ -232,7 +217,6 @@ class TwinPressPanel:
 
 
 def _mode_of(state: HandPressState) -> str:
-    """Return how the object is moved, as the menu names it."""
     return _SEQUENCE if state.is_playing else _BY_LOAD if state.by_load else _BY_DEPTH
 
 

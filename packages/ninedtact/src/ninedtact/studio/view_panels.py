@@ -32,7 +32,7 @@ from ninedtact.studio.viewer import (
     ViewerPage,
     ViewOptions,
     add_theme_choice,
-    is_user_event,
+    on_user_change,
 )
 
 BLANK = np.full((3, 4, 3), 90, np.uint8)
@@ -53,33 +53,29 @@ class ImagesPanel:
         self._legends = []
         for slot, kind in enumerate(self._viewer.options.images):
             menu = gui.add_dropdown(f"image {slot + 1}", [str(choice) for choice in ImageKind], initial_value=str(kind))
-            menu.on_update(partial(self._choose, slot))
+            on_user_change(menu, partial(self._choose, slot))
             self._images.append(gui.add_image(BLANK, format="jpeg", jpeg_quality=JPEG_QUALITY))
             self._legends.append(gui.add_html(""))
 
     def update(self, moment: PageMoment) -> None:
         """Draw both images."""
         shown, options = self._viewer.choose_shown(moment), self._viewer.options
-        views, names = (
-            [one.view for one in shown if one.view is not None],
-            [one.name for one in shown if one.view is not None],
-        )
+        views = {one.name: one.view for one in shown if one.view is not None}
         if not views:
             return
+        first = next(iter(views.values()))
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             if len(views) > 1:
-                bgr = sensor_tiles(views, names, kind, options.with_outline, options.source)
+                bgr = sensor_tiles(views, kind, options.with_outline, options.source)
             else:
-                bgr = views[0].image(kind, options.with_outline, options.source)
+                bgr = first.image(kind, options.with_outline, options.source)
             image.image = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
-            legend.content = _legend_html(views[0], kind, self._scale, options.source)
+            legend.content = _legend_html(first, kind, self._scale, options.source)
 
     def _choose(self, slot: int, event: GuiEvent[Any]) -> None:
-        """Show another image in one of both places."""
-        if is_user_event(event):
-            first, second = self._viewer.options.images
-            kind = ImageKind(event.target.value)
-            self._viewer.choose(images=(kind, second) if slot == 0 else (first, kind))
+        first, second = self._viewer.options.images
+        kind = ImageKind(event.target.value)
+        self._viewer.choose(images=(kind, second) if slot == 0 else (first, kind))
 
 
 class ScenePanel:
@@ -143,7 +139,6 @@ class ScenePanel:
             camera.position, camera.look_at = arrangement.camera_mm, arrangement.target_mm
 
     def _draw(self, number: int, moment: SensorMoment) -> None:
-        """Draw one sensor."""
         view, options, scene = moment.view, self._viewer.options, self._scenes[number]
         if view is None:
             return
@@ -202,7 +197,7 @@ class ProfilePanel:
         )
         self._shown.on_update(lambda event: self._viewer.choose(with_profile=event.target.value))
         for point in (self._start, self._end):
-            point.on_update(self._choose_line)
+            on_user_change(point, lambda event: self._show_line())
         picks.on_update(lambda event: self._listen(is_picking=bool(event.target.value)))
         self._listen(is_picking=False)
 
@@ -216,13 +211,7 @@ class ProfilePanel:
         self._plot.data = (profile.distance_mm, profile.height_mm, true)
         self._text.content = profile_summary_html(profile)
 
-    def _choose_line(self, event: GuiEvent[Any]) -> None:
-        """Move one end of the line."""
-        if is_user_event(event):
-            self._show_line()
-
     def _show_line(self) -> None:
-        """Show the chosen line in 3D too, as the control then says."""
         self._shown.value = True
         self._viewer.choose(profile_mm=(self._start.value, self._end.value), with_profile=True)
 
@@ -255,7 +244,6 @@ class ProfilePanel:
 
 
 def _legend_html(view: ReadingView, kind: ImageKind, scale: ColourScale, source: ShownTraction) -> str:
-    """Return the meaning of the colours of an image as HTML."""
     if kind is ImageKind.HEIGHT:
         return height_legend_html(scale)
     if kind is ImageKind.STICKING:

@@ -133,7 +133,8 @@ class ViewerPage:
         self._played: RecordingPlayer | None = None
         self._has_left, self._moments, self.redraws_curves = False, 0, False
         """redraws_curves: whether curves are drawn with this moment; with every one of a recording, else from time to time."""
-        self._frozen = False
+        self.is_frozen = False
+        """Whether this viewer keeps its moment."""
         self._lock = RLock()
         self._panels = [make(self) for make in panels]
         self._place_panels()
@@ -165,11 +166,6 @@ class ViewerPage:
         return sensors if number is None else (sensors[number],)
 
     @property
-    def is_frozen(self) -> bool:
-        """Whether this viewer keeps its moment."""
-        return self._frozen
-
-    @property
     def plays_recording(self) -> bool:
         """Whether this viewer is shown a recording in place of the sensor."""
         return self._played is not None
@@ -177,12 +173,12 @@ class ViewerPage:
     def toggle_freeze(self) -> None:
         """Keep the moment that is shown, or follow the sensor again; other viewers are not affected."""
         with self._lock:
-            self._frozen = not self._frozen and self.moment is not None
+            self.is_frozen = not self.is_frozen and self.moment is not None
 
     def play(self, source: RecordingPlayer | None) -> None:
         """Show a recording in place of the sensor, or the sensor again; what is not shown any more is closed."""
         with self._lock:
-            before, self._frozen = [self._played], False
+            before, self.is_frozen = [self._played], False
             self._played = None if self._has_left else source
             before += [source] if self._has_left else []
         for one in before:
@@ -207,11 +203,11 @@ class ViewerPage:
             if passed == self._passed_before and not all(one.status.is_past for one in newest.sensors):
                 return
             moment = newest if self._played is None else self._played.moment(newest)
-            if self._frozen and self.moment is not None:
+            if self.is_frozen and self.moment is not None:
                 moment = self.moment.frozen_copy(moment, monotonic_ns())
             self.moment, self._moments = moment, self._moments + 1
             is_recorded = moment.sensors[0].snapshot.phase is SensorPhase.RECORDED
-            self.redraws_curves = not self._frozen and (is_recorded or self._moments % CURVES_EVERY == 0)
+            self.redraws_curves = not self.is_frozen and (is_recorded or self._moments % CURVES_EVERY == 0)
             self._passed_before = passed
             with self.client.atomic():
                 self._beat.content = f"{passed}"
@@ -266,9 +262,9 @@ class ViewerPage:
                 lower.dock_below(upper)
 
 
-def is_user_event(event: GuiEvent[Any]) -> bool:
-    """Return whether a person changed the control; the page itself changes controls too, to follow what others do."""
-    return event.client is not None
+def on_user_change(control: Any, act: Callable[[GuiEvent[Any]], object]) -> None:
+    """Call `act` where a person changes a control; the page itself changes controls too, to follow what others do."""
+    control.on_update(lambda event: None if event.client is None else act(event))
 
 
 class ControlFollower:

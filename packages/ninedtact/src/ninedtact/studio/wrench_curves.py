@@ -14,7 +14,7 @@ from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot
 from ninedtact.studio.page_cards import COLOURS, card_html, wrench_meaning_html, wrench_table_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.sensor_group import GRIP_COLOUR, colour_of_sensor
-from ninedtact.studio.viewer import Side, ViewerPage, is_user_event
+from ninedtact.studio.viewer import Side, ViewerPage, on_user_change
 
 Curve = Float64[Array, " n"]
 LEAST_N, LEAST_NMM = 2.0, 4.0
@@ -154,7 +154,6 @@ class WrenchAndCurvesPanel:
 
 
 def _describe_lines(sources: Sequence[WrenchHistory]) -> str:
-    """Return how the curves of each source are drawn."""
     solid = "solid, with a band of one standard deviation"
     dashed = "dashed" if len(sources) > 1 else "solid"
     return "; ".join(f"{source.name}: {solid if source.states_errors else dashed}" for source in sources)
@@ -173,7 +172,7 @@ class SensorGroupCurvesPanel:
         """Add the choice of the component, and the plot."""
         sensors = self._viewer.controller.sensors
         choice = gui.add_dropdown("component", tuple(_COMPONENTS), initial_value=_NORMAL)
-        choice.on_update(self._choose)
+        on_user_change(choice, self._choose)
         self._columns = [(number, one.name) for number, sensor in enumerate(sensors) for one in sensor.wrenches]
         curves = [
             PlottedCurve(
@@ -199,7 +198,7 @@ class SensorGroupCurvesPanel:
             self._draw(moment.sensors)
 
     def _choose(self, event: GuiEvent[Any]) -> None:
-        if is_user_event(event) and event.target.value in _COMPONENTS:
+        if event.target.value in _COMPONENTS:
             self._shown = str(event.target.value)
             if self._viewer.moment is not None:
                 self._draw(self._viewer.moment.sensors)

@@ -36,7 +36,6 @@ class SerialDevice:
         self._plugged = mine, port
 
     def unplug(self) -> None:
-        """Vanish."""
         ends, self._plugged = self._plugged, None
         sleep(0.02)
         self.port.unlink(missing_ok=True)
@@ -44,7 +43,6 @@ class SerialDevice:
             os.close(end)
 
     def say(self, raw: bytes) -> None:
-        """Anything at all."""
         if self._plugged is not None:
             with contextlib.suppress(BlockingIOError):
                 os.write(self._plugged[0], raw)

@@ -91,7 +91,7 @@ def test_net_ft_refuses_saturated_and_faulty_records_and_goes_on_after_them(benc
 def test_a_status_of_a_net_ft_device_is_heeded_as_its_manufacturer_documents_it() -> None:
     """Bit 17 of an ATI device: saturation; with bits 16 and 31 alone, a threshold was passed."""
     saturated, threshold = 1 << 17, 1 << 31 | 1 << 16
-    ati, onrobot = NetFtDriver.from_ati_address("netft:h"), NetFtDriver.from_onrobot_address("onrobot:h:1234")
+    ati, onrobot = NetFtDriver.from_address("netft:h"), NetFtDriver.from_address("onrobot:h:1234")
     for status, of_ati, of_onrobot in (
         (0, "good", "good"),
         (threshold, "good", "faulty"),
@@ -119,7 +119,7 @@ def test_a_status_of_a_net_ft_device_is_heeded_as_its_manufacturer_documents_it(
 def test_net_ft_converts_the_units_that_its_device_is_set_to(
     units: tuple[str, str], newtons: float, newton_metres: float
 ) -> None:
-    driver = NetFtDriver.from_ati_address("netft:h")
+    driver = NetFtDriver.from_address("netft:h")
     six = driver._sample(net_ft_record(*units)).six
     assert six == pytest.approx([newtons, 2 * newtons, -3 * newtons, *(newton_metres * np.array([4, 5, -6]))], rel=1e-6)
     for unknown in (("unknown", units[1]), (units[0], "unknown")):

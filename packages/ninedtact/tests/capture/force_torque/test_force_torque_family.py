@@ -168,7 +168,7 @@ def test_a_loss_is_told_once_and_reading_goes_on_when_the_device_is_back(bench: 
         replug = threading.Timer(0.2, plug, [True])
         if kind == "serial port":
             replug.start()
-        while reopening.losses == 0:
+        while not told:
             if kind == "network" and not replug.is_alive():
                 replug = threading.Timer(1.5, plug, [True])
                 replug.start()

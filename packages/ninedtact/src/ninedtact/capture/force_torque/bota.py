@@ -52,20 +52,11 @@ class BotaDriver(ForceTorqueDriver):
                 got="no such file",
                 remedy="docs/force_torque.md shows one",
             )
-        cause = self._start(bota_driver)
-        if cause is not None:
-            raise DeviceError(
-                f"expected the Bota sensor of {self._config} to start, got: {cause}; check the file and the cable"
-            )
-
-    def _start(self, bota_driver: Any) -> str | None:
-        """Start the sensor; return why it did not start, or None where it did."""
         driver = None
         try:
             driver = bota_driver.BotaDriver(str(self._config))
             if not driver.configure() or not driver.activate():
-                driver.shutdown()
-                return "a refusal, whose reason its library has printed"
+                raise RuntimeError("a refusal, whose reason its library has printed")
             self._period_us = max(driver.get_expected_timestep_us(), 1)
             pause_s = self._period_us / 1e6 / _POLLS_PER_PERIOD
             self._pause_s = min(max(pause_s, _SHORTEST_PAUSE_S), _LONGEST_PAUSE_S)
@@ -73,9 +64,10 @@ class BotaDriver(ForceTorqueDriver):
         except RuntimeError as trouble:
             if driver is not None:
                 driver.shutdown()
-            return str(trouble)
+            raise DeviceError(
+                f"expected the Bota sensor of {self._config} to start, got: {trouble}; check the file and the cable"
+            ) from trouble
         self._driver, self._clock = driver, DeviceClock(_CLOCK_BITS)
-        return None
 
     def receive(self) -> Sequence[ForceTorqueSample]:
         """Wait for a new frame and return it; frames that the device skipped count as dropped."""

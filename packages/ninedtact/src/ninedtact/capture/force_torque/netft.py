@@ -35,19 +35,11 @@ _NM_PER_UNIT = {
 
 
 @dataclass(frozen=True)
-class _CountScale:
-    """Counts per unit of force and torque, for a device that does not report them."""
-
-    per_n: float
-    per_nm: float
-
-
-@dataclass(frozen=True)
 class _DeviceVariant:
     """The properties in which the devices of one manufacturer differ from others."""
 
-    counts: _CountScale | None
-    """Counts per unit; None where the device reports them over HTTP."""
+    counts: tuple[float, float] | None
+    """Counts per newton and per newton metre; None where the device reports them over HTTP."""
     saturated: int
     """Bits of the status that mark a saturated sample."""
     harmless: tuple[int, ...] = (0,)
@@ -56,7 +48,7 @@ class _DeviceVariant:
 
 ATI = _DeviceVariant(None, saturated=0x0002_0000, harmless=(0, 0x8001_0000))
 """Bit 17: transducer saturation. 8001 0000: a threshold set on the device was passed (docs/force_torque.md)."""
-ONROBOT = _DeviceVariant(_CountScale(per_n=10_000, per_nm=100_000), saturated=0)
+ONROBOT = _DeviceVariant((10_000, 100_000), saturated=0)
 """The default counts of the manufacturer's example; the status bits are not documented, so any set bit counts as a fault."""
 
 
@@ -76,16 +68,14 @@ class NetFtDriver(ForceTorqueDriver):
         self._client: pynetft.Client
 
     @classmethod
-    def from_ati_address(cls, address: str) -> "NetFtDriver":
-        """Return the driver of netft:HOST or netft:HOST:PORT; raises `InputError`."""
-        host, port = _parse_host(address)
-        return cls(address, host, ATI, port)
-
-    @classmethod
-    def from_onrobot_address(cls, address: str) -> "NetFtDriver":
-        """Return the driver of onrobot:HOST or onrobot:HOST:PORT; raises `InputError`."""
-        host, port = _parse_host(address)
-        return cls(address, host, ONROBOT, port)
+    def from_address(cls, address: str) -> "NetFtDriver":
+        """Return the driver of netft:HOST, or of onrobot:HOST, each with :PORT where it is another one; raises `InputError`."""
+        kind, _, rest = address.partition(":")
+        found = re.fullmatch(r"([A-Za-z0-9.-]+)(?::(\d{1,5}))?", rest)
+        port = int(found[2] or _RDT_PORT) if found else 0
+        if not found or not 0 < port <= _HIGHEST_PORT:
+            raise InputError(expected="HOST or HOST:PORT after the colon", got=f"'{address}'", remedy="correct it")
+        return cls(address, found[1], ONROBOT if kind == "onrobot" else ATI, port)
 
     def connect(self) -> None:
         """Request the stream and wait for one record; raises `DeviceError` or `MissingLibraryError`."""
@@ -134,9 +124,7 @@ class NetFtDriver(ForceTorqueDriver):
             deliver_samples_with_error_status=True,
             calibration_override=None
             if counts is None
-            else pynetft.Calibration(
-                counts.per_n, counts.per_nm, pynetft.ForceUnit.NEWTON, pynetft.TorqueUnit.NEWTON_METER
-            ),
+            else pynetft.Calibration(*counts, pynetft.ForceUnit.NEWTON, pynetft.TorqueUnit.NEWTON_METER),
         )
 
     def _sample(self, record: "pynetft.ForceTorqueSample") -> ForceTorqueSample:
@@ -149,12 +137,3 @@ class NetFtDriver(ForceTorqueDriver):
             fault = f"units {record.force_unit.value} and {record.torque_unit.value}; set N and N-m on it"
         six = np.concatenate([np.array(record.force) * (force or np.nan), np.array(record.torque) * (torque or np.nan)])
         return ForceTorqueSample(six, record.received_at_ns, record.rdt_sequence, is_saturated, fault)
-
-
-def _parse_host(address: str) -> tuple[str, int]:
-    """Return host and port of KIND:HOST or KIND:HOST:PORT; raises `InputError`."""
-    found = re.fullmatch(r"([A-Za-z0-9.-]+)(?::(\d{1,5}))?", address.partition(":")[2])
-    port = int(found[2] or _RDT_PORT) if found else 0
-    if not found or not 0 < port <= _HIGHEST_PORT:
-        raise InputError(expected="HOST or HOST:PORT after the colon", got=f"'{address}'", remedy="correct it")
-    return found[1], port

@@ -136,13 +136,7 @@ class SkippingWrenchSource(WrenchSourceWrapper):
 
     def __init__(self, source: WrenchSource, on_skip: Callable[[WrenchSampleRejected], None]) -> None:
         super().__init__(source)
-        self.skipped = 0
         self._on_skip = on_skip
-
-    def open(self) -> None:
-        """Open the source; raises what it raises."""
-        self._source.open()
-        self.skipped = 0
 
     def read(self) -> Wrench:
         """Wait for the next usable sample and return it, however long that takes."""
@@ -151,7 +145,6 @@ class SkippingWrenchSource(WrenchSourceWrapper):
             try:
                 return self._source.read()
             except WrenchSampleRejected as reason:
-                self.skipped += 1
                 if not reported:
                     self._on_skip(reason)
                 reported = True

@@ -29,8 +29,8 @@ from ninedtact.quantities import Wrench
 
 DRIVERS: dict[str, Callable[[str], ForceTorqueDriver]] = {
     "bota": BotaDriver.from_address,
-    "netft": NetFtDriver.from_ati_address,
-    "onrobot": NetFtDriver.from_onrobot_address,
+    "netft": NetFtDriver.from_address,
+    "onrobot": NetFtDriver.from_address,
     "serial": SerialPortDriver.from_address,
 }
 """Functions that make a driver from an address, by the word before the colon. A new device is one more line here."""
@@ -57,7 +57,7 @@ class _FrameConversion(WrenchSourceWrapper):
 
     def __init__(self, source: WrenchSource, mount: ForceTorqueMount = ForceTorqueMount()) -> None:
         super().__init__(source)
-        self._rotation, self._sign = _mount_rotation(mount), mount.sign
+        self._rotation, self._sign = mount_rotation(mount), mount.sign
         self._origin_mm = np.array(mount.origin_mm, float)
 
 
@@ -92,16 +92,11 @@ class DeviceFrameWrenchSource(_FrameConversion):
         )
 
 
-def _mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
+def mount_rotation(mount: ForceTorqueMount) -> Float64[Array, "3 3"]:
     """Return the rotation from the frame of the device to the sensor frame: about x, then y, then z of the sensor."""
-    matrix = np.eye(3)
-    for axis, angle in enumerate(np.radians(mount.rotation_deg)):
-        one, other = (axis + 1) % 3, (axis + 2) % 3
-        about = np.eye(3)
-        about[[one, other], [one, other]] = np.cos(angle)
-        about[other, one], about[one, other] = np.sin(angle), -np.sin(angle)
-        matrix = about @ matrix
-    return matrix
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler("xyz", mount.rotation_deg, degrees=True).as_matrix())
 
 
 def untared_wrench_source_for(address: str, mount: ForceTorqueMount, notify: Callable[[str], None]) -> WrenchSource:
