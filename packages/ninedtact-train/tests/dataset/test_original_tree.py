@@ -162,7 +162,7 @@ def test_every_file_ends_in_a_row_or_in_the_list(files: list[tuple[str, str, str
                     np.save(file, wrench_about_sensor(2.0))
         (source,) = sources_at(root)
         try:
-            items = [item for part in source.parts() for item in part.items()]
+            items = [item for part in source.parts() for item in source.items(part)]
         except NinedtactError as refusal:
             assert "expected" in str(refusal)
             return

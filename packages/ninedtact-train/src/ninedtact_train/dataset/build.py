@@ -59,8 +59,8 @@ from ninedtact_train.dataset.parquet_files import (
     write_pair_file,
     write_reference_images_file,
 )
-from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem
-from ninedtact_train.dataset.sources.source import Source, SourcePart
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
+from ninedtact_train.dataset.sources.source import Source
 
 _PARTS_FOLDER = "parts"
 _Value = TypeVar("_Value")
@@ -132,7 +132,7 @@ def _make_parts(
     from tqdm import tqdm
 
     make_folder(folder)
-    parts = [(part, _source_paths(source)) for source in sources for part in source.parts()]
+    parts = [(source, part) for source in sources for part in source.parts()]
     files = [_PartFiles(folder, number) for number in range(len(parts))]
     jobs = [(*part, file.number, settings.checks) for part, file in zip(parts, files, strict=True) if not file.is_made]
     with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
@@ -179,14 +179,14 @@ class _PartFiles:
 class _PartReader:
     """Separates the rows of a part from its reference images and from what is rejected."""
 
-    part: SourcePart
+    items: Iterable[SourceItem]
     references: dict[str, ReferenceImage] = field(default_factory=dict)
     findings: list[PairFinding] = field(default_factory=list)
 
     def rows(self) -> Iterator[DatasetRow]:
         """Yield all rows; afterwards `references` and `findings` are complete."""
         number = 0
-        for item in self.part.items():
+        for item in self.items:
             if isinstance(item, ReferenceImage):
                 self.references.setdefault(item.reference_id, item)
             elif isinstance(item, RejectedItem):
@@ -219,11 +219,9 @@ def _require_absolute_paths(sources: Sequence[Source]) -> None:
             )
 
 
-def _make_part(
-    folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: PairCheckSettings
-) -> int:
+def _make_part(folder: Path, source: Source, part: Any, number: int, settings: PairCheckSettings) -> int:
     """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `InputError`."""
-    for path in paths:
+    for path in _source_paths(source):
         if not path.exists():  # on a worker; a reader would list every pair as missing
             raise InputError(
                 expected=f"{path} on {gethostname()}",
@@ -231,7 +229,7 @@ def _make_part(
                 remedy="keep sources on a file system that every worker sees",
             )
     files = _PartFiles(folder, number)
-    reader = _PartReader(part)
+    reader = _PartReader(source.items(part))
     write_pair_file(files.pairs, reader.rows())
     write_reference_images_file(files.references, reader.references.values())
     check = check_pair_file(files.pairs, files.references, settings)
