@@ -11,9 +11,15 @@ from math import atan2, dist, hypot, inf, radians, sqrt, tan
 
 from ninedtact.design import DesignImpossible, PinBoard
 from ninedtact_hardware.clearances import list_clearances
-from ninedtact_hardware.design import XY, HardwareDesign, distance_to_edge_mm
+from ninedtact_hardware.design import (
+    XY,
+    HardwareDesign,
+    distance_to_edge_mm,
+    lens_view_radius_mm,
+    required_camera_distance_mm,
+    sensing_corner_distance_mm,
+)
 from ninedtact_hardware.led_board import LED_LIMIT_MA, compute_operating_point
-from ninedtact_hardware.lens_view import lens_view_radius_mm, required_camera_distance_mm, sensing_corner_distance_mm
 
 
 @dataclass(frozen=True)
