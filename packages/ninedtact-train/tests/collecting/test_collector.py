@@ -31,11 +31,12 @@ from ninedtact_train.cli.collect import (
 )
 from ninedtact_train.collecting.collected_pairs import RecordedPair, read_recorded_pairs
 from ninedtact_train.collecting.collection_sources import (
+    MergedArrival,
     build_simulated_collect_setup,
     collection_setup_from_recordings,
+    merge_recorded_streams,
 )
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
-from ninedtact_train.collecting.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact_train.collecting.pair_selection import CollectSettings
 from ninedtact_train.collecting.sample_faults import SampleFault
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings

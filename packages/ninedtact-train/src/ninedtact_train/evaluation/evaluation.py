@@ -120,15 +120,6 @@ class NoContactScores:
 
 
 @dataclass(frozen=True)
-class IntervalCoverage:
-    """Observed coverage of the intervals that should contain the truth in a fraction `share` of all pairs."""
-
-    share: float
-    covered: Six
-    """Part of the pairs with a claimed standard deviation whose truth lies in the interval; NaN for an axis without any."""
-
-
-@dataclass(frozen=True)
 class WrenchEvaluation:
     """All scores of a set of predictions, and the predictions themselves."""
 
@@ -137,7 +128,9 @@ class WrenchEvaluation:
     by_load: tuple[GroupScores, ...]
     by_object: tuple[GroupScores, ...]
     by_sensor: tuple[GroupScores, ...]
-    coverage: tuple[IntervalCoverage, ...]
+    coverage: dict[float, Six]
+    """Observed coverage (`interval_coverage`) of the intervals that should contain the truth in this share of all pairs; empty
+    where no standard deviations are claimed."""
     no_contact: NoContactScores | None
 
     @property
@@ -168,7 +161,7 @@ class WrenchEvaluation:
             "by_load": _groups_by_name(self.by_load),
             "no_contact": self.no_contact,
             "distribution": self.predictions.distribution if self.coverage else None,
-            "coverage": {f"{100 * found.share:g}": found.covered for found in self.coverage},
+            "coverage": {f"{100 * share:g}": covered for share, covered in self.coverage.items()},
             "by_object": _groups_by_name(self.by_object),
             "by_sensor": _groups_by_name(self.by_sensor),
             "published": published_scores_about_torque_point(self.predictions.about_mm),
@@ -179,19 +172,19 @@ class WrenchEvaluation:
 
 def evaluate_predictions(predictions: WrenchPredictions) -> WrenchEvaluation:
     """Compute all scores, torques about the point of the predictions; `WrenchPredictions.about` moves them first."""
+    shares = () if predictions.std is None else _COVERAGE_SHARES
     return WrenchEvaluation(
         predictions,
         _axis_scores(predictions),
         tuple(_scores_by_load(predictions)),
         tuple(group for group in _scores_by_name(predictions, predictions.objects) if group.name != NO_OBJECT),
         tuple(_scores_by_name(predictions, predictions.sensors)),
-        _interval_coverage(predictions),
+        {share: interval_coverage(predictions, share) for share in shares},
         _no_contact_scores(predictions),
     )
 
 
 def _axis_scores(predictions: WrenchPredictions) -> AxisScores:
-    """Compute the scores of each axis."""
     true, predicted, error = predictions.truth, predictions.predicted, predictions.error
     true_spread, predicted_spread = true - true.mean(0), predicted - predicted.mean(0)
     mae, median_mae = np.abs(error).mean(0), np.abs(true - np.median(true, axis=0)).mean(0)
@@ -245,12 +238,10 @@ def _scores_by_name(predictions: WrenchPredictions, names: Sequence[str] | None)
 
 
 def _group_scores(name: str, error: Array) -> GroupScores:
-    """Return the scores of a group of pairs from their errors (n, 6)."""
     return GroupScores(name, len(error), np.abs(error).mean(0), error.mean(0))
 
 
 def _no_contact_scores(predictions: WrenchPredictions) -> NoContactScores | None:
-    """Return the forces predicted for pairs without contact; None where there are no such pairs."""
     no_contact = ~predictions.in_contact
     if not no_contact.any():
         return None
@@ -258,15 +249,8 @@ def _no_contact_scores(predictions: WrenchPredictions) -> NoContactScores | None
     return NoContactScores(int(no_contact.sum()), float(force_n.mean()), float(force_n.max()))
 
 
-def _interval_coverage(predictions: WrenchPredictions) -> tuple[IntervalCoverage, ...]:
-    """Return the coverage of each interval; nothing where no standard deviations are claimed."""
-    if predictions.std is None:
-        return ()
-    return tuple(IntervalCoverage(share, interval_coverage(predictions, share)) for share in _COVERAGE_SHARES)
-
-
 def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
-    """Return the part of the pairs whose truth lies in the central interval of this share, by axis.
+    """Return the part of the pairs whose truth lies in the central interval of this share, by axis; NaN for an axis without any.
 
     Pairs without contact for which exactly zero is predicted are left out, because they are always covered. So are, on each axis,
     pairs without a claimed standard deviation.
@@ -280,5 +264,4 @@ def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
 
 
 def _groups_by_name(groups: Iterable[GroupScores]) -> dict[str, dict[str, Any]]:
-    """Return pairs and errors of each group by its name."""
     return {group.name: {"pairs": group.pairs, "mae": group.mae, "bias": group.bias} for group in groups}

@@ -30,8 +30,6 @@ _USUAL_ORIGIN_MM = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class _Episode:
-    """The contents of one episode."""
-
     images: UInt8[Array, "steps rows cols 3"]
     """RGB."""
     reference: UInt8[Array, "rows cols"]
@@ -43,7 +41,6 @@ class _Episode:
 
 
 def _read_episode(path: Path) -> _Episode:
-    """Read and check an episode; raises `FileFormatError`."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in _ARRAYS if name in stored.files}

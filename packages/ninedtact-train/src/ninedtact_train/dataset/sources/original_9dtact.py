@@ -97,7 +97,6 @@ class _PairFiles:
 
 
 def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
-    """Return six numbers of a .npy file, finite or not; raises `FileFormatError`."""
     try:
         numbers = np.load(path, allow_pickle=False)
     except NPY_READ_ERRORS as error:

@@ -76,7 +76,6 @@ class RecordingsSource(Source):
             yield RejectedItem(PairFault.UNREADABLE, self.name_of(part), str(error))
 
     def _pairs(self, file: Path) -> Iterator[SourceItem]:
-        """Yield the saved pairs and their reference images; raises what reading raises."""
         rectify = self._load_rectification(file)
         known: set[str] = set()
         steps: Counter[str] = Counter()
@@ -127,7 +126,6 @@ class RecordingsSource(Source):
 
 
 def _mean_reference(references: TareReferenceImages, sensor: str, rectify: Rectification) -> ReferenceImage:
-    """Return the mean of the reference images, as the live sensor computes it."""
     mean = mean_rectified_image([rectify(Frame(image)) for image in references.images])
     return ReferenceImage(references.id, _encode_grey_levels(mean.grey), sensor)
 
@@ -197,7 +195,6 @@ class ExistingDatasetSource(Source):
         )
 
     def _make_unique(self, own: str) -> str:
-        """Return an id that differs from those of other sources."""
         return f"{self.name}/{own}" if self.several else own
 
     def _object_name(self, name: str) -> str:
