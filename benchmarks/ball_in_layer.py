@@ -1,6 +1,6 @@
-"""A rigid ball pressed step by step into a neo-Hookean layer, on a skin that slides freely or sticks where it touches.
+"""A rigid ball pressed step by step into a neo-Hookean layer whose skin sticks to it where it touches.
 
-Contact is a stiff penalty at the integration points of the skin. A point that sticks keeps its place on the ball; one that
+Contact is a stiff penalty at the integration points of the skin. A point that touches keeps its place on the ball; one that
 has not touched yet would touch straight below the ball's point above it, as in the linear model.
 """
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from neo_hookean import Inner, Parts, added, assembled, determinant, gradient, inner
+from neo_hookean import Inner, Parts, added, assembled, inner
 from numpy import ndarray as Array
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
@@ -30,12 +30,6 @@ class PressFailed(Exception):
 
 
 @dataclass(frozen=True)
-class RigidBall:
-    radius_mm: float = 4.0
-    sticks: bool = False
-
-
-@dataclass(frozen=True)
 class Touch:
     """What the ball does to the points of the skin."""
 
@@ -53,12 +47,11 @@ class Press:
     """The layer in balance with the ball at one depth."""
 
     parts: Parts
-    ball: RigidBall
+    ball_radius_mm: float
     depth_mm: float
     moved: Float[Array, " unknowns"]
     pressures: Float[Array, "elements 3"]
     touch: Touch | None = None
-    residual: float = 0.0
 
     @property
     def load(self) -> float:
@@ -71,25 +64,10 @@ class Press:
         r, across, up = self.parts.skin_nodes
         return r, self.moved[across], self.moved[up]
 
-    @property
-    def contact_radius_mm(self) -> float:
-        """Of the outermost skin point that is pressed, where it has moved to."""
-        return float(skin_now(self.parts, self.moved)[..., 0][self.touch.touches].max(initial=0))
 
-    @property
-    def volume_error(self) -> float:
-        """Mean of |det F − 1| over the layer."""
-        grown, _, _ = determinant(gradient(self.parts, self.moved))
-        return float((np.abs(grown - 1) * self.parts.volume).sum() / self.parts.volume.sum())
-
-
-def untouched(parts: Parts, ball: RigidBall) -> Press:
-    return Press(parts, ball, 0.0, np.zeros(parts.inside.N), np.zeros((len(parts.unknowns_of), 3)))
-
-
-def follow(parts: Parts, ball: RigidBall, depths_mm: Iterable[float]) -> Iterator[Press]:
+def follow(parts: Parts, ball_radius_mm: float, depths_mm: Iterable[float]) -> Iterator[Press]:
     """Balance at each depth in turn; raises `PressFailed`."""
-    last = untouched(parts, ball)
+    last = Press(parts, ball_radius_mm, 0.0, np.zeros(parts.inside.N), np.zeros((len(parts.unknowns_of), 3)))
     for depth in depths_mm:
         last = pressed_on(last, depth)
         yield last
@@ -115,7 +93,7 @@ def balanced(last: Press, depth_mm: float) -> Press | None:
         forces = body.forces - skin_forces(parts, touch)
         residual = float(max(np.abs(forces[parts.free]).max(), np.abs(body.missing).max()))
         if residual < TOLERANCE:
-            return replace(press, touch=touch, residual=residual)
+            return replace(press, touch=touch)
         if not residual < HOPELESS:
             return None
         press = stepped(press, body, forces, touch)
@@ -145,13 +123,13 @@ def skin_now(parts: Parts, moved: Array) -> Float[Array, "facets points 2"]:
 def rest_rad(last: Press) -> Float[Array, "facets points"]:
     """Place on the ball at which each point bears no shear."""
     across = skin_now(last.parts, last.moved)[..., 0]
-    below = np.arcsin(np.clip(across / last.ball.radius_mm, 0, 1))
+    below = np.arcsin(np.clip(across / last.ball_radius_mm, 0, 1))
     return below if last.touch is None else np.where(last.touch.touches, last.touch.rest_rad, below)
 
 
 def touched(press: Press, rest: Float[Array, "facets points"]) -> Touch:
-    """Pressure along the ball's radius by overlap; if it sticks, shear along its meridian by the way from rest."""
-    radius, sticks = press.ball.radius_mm, float(press.ball.sticks)
+    """Pressure along the ball's radius by overlap, and shear along its meridian by the way from rest."""
+    radius = press.ball_radius_mm
     centre = np.array([0, press.parts.layer.top_mm - press.depth_mm + radius])
     arm = skin_now(press.parts, press.moved) - centre
     distance = np.linalg.norm(arm, axis=-1)
@@ -162,10 +140,10 @@ def touched(press: Press, rest: Float[Array, "facets points"]) -> Touch:
     overlap = np.where(touches, radius - distance, 0)
     stiffening = np.minimum(overlap / SOFT_MM, 1)
     pressure = STIFFNESS * stiffening * (overlap - stiffening * SOFT_MM / 2)
-    shear = -sticks * STIFFNESS * radius * np.where(touches, angle - rest, 0)
+    shear = -STIFFNESS * radius * np.where(touches, angle - rest, 0)
     slope = (
         scaled(-STIFFNESS * stiffening, out, out)
-        + scaled((pressure - sticks * STIFFNESS * radius * touches) / distance, along, along)
+        + scaled((pressure - STIFFNESS * radius * touches) / distance, along, along)
         - scaled(shear / distance, out, along)
     )
     return Touch(pressure[..., None] * out + shear[..., None] * along, slope, touches, rest)

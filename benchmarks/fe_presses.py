@@ -26,7 +26,7 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, WrenchEstimate
-from ninedtact.reading import Reading
+from ninedtact.reading import read_frame
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.twin import Twin
 from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
@@ -100,10 +100,8 @@ def fe_presses(
         linear = press_twin(twin, press)
         finite = correct_for_finite_strain(linear)
         drawn = draw_surface(linear, press)
-        frame = Frame(twin.renderer(drawn, number))
-        rectified = sensor.shape.rectify(frame)
         estimator.forget()
-        read = estimator.estimate(Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference))
+        read = estimator.estimate(read_frame(Frame(twin.renderer(drawn, number)), sensor.shape, depth_reader))
         print(row(press, linear, finite, read, drawn))
         deviations.append(abs(read.wrench.six[2] - press.wrench[2]) / read.std[2])
     within = [sum(deviation < limit for deviation in deviations) for limit in (1, 2)]

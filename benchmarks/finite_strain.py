@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import tyro
-from ball_in_layer import Press, PressFailed, RigidBall, follow
+from ball_in_layer import Press, PressFailed, follow
 from figures import Figure, answer, at_most
 from neo_hookean import Layer, Parts
 
@@ -86,7 +86,7 @@ def press_both(
     contact = model.initial_contact()
     depths_mm = np.round(np.arange(STEP_MM, deepest_mm + 1e-9, STEP_MM), 3).tolist()
     try:
-        for press in follow(Parts(layer), RigidBall(ball_mm, sticks=True), depths_mm):
+        for press in follow(Parts(layer), ball_mm, depths_mm):
             contact = model.step(contact, Ball(ball_mm), Pose(depth_mm=press.depth_mm))
             yield Pair(press, contact)
     except PressFailed:

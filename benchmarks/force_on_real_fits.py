@@ -30,8 +30,8 @@ from ninedtact.force.estimator_loading import PHYSICS, build_estimator
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
-from ninedtact.reading import Reading
-from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
+from ninedtact.reading import Reading, read_frame
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.depth import GlobalDimmingModel
 from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 from ninedtact.simulation.calibration_images import simulate_calibration_images
@@ -41,8 +41,7 @@ from ninedtact_train.batched.session_requests import SimulatedSetup, run_session
 from ninedtact_train.dataset.generation.press_session import PressSettings, RandomPress
 from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
 from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
-from ninedtact_train.population.rectified_renderer import rectified_renderer
-from ninedtact_train.population.sensor_population import SampledSensor
+from ninedtact_train.population.sensor_population import SampledSensor, rectified_renderer
 
 Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "yielding_base", "linear"]
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -227,7 +226,7 @@ def judge(setup: Setup, perfect_calibration: bool = False) -> Judged:
     depth_reader = shape.depth_reader(*map(Frame, references))
     read, std, warned, ms = [], [], [], []
     for image in images:
-        reading = reading_of(image, shape, depth_reader)
+        reading = read_frame(Frame(image), shape, depth_reader)
         estimator.forget()
         start = process_time()
         estimate = estimator.estimate(reading)
@@ -240,12 +239,6 @@ def judge(setup: Setup, perfect_calibration: bool = False) -> Judged:
         wrenches, np.array(read), np.array(std), objects=objects, sensors=names, about_mm=centre
     )
     return Judged(predictions, np.array(warned), float(np.median(ms)))
-
-
-def reading_of(image: np.ndarray, shape: CalibratedShape, depth_reader: DepthReader) -> Reading:
-    """Return the reading of one image."""
-    rectified = shape.rectify(frame := Frame(image))
-    return Reading(frame, rectified, depth_reader(rectified), reference=depth_reader.reference)
 
 
 def show(found: dict[str, Judged]) -> None:
@@ -304,7 +297,7 @@ def show_images_without_press(setups: list[Setup], untouched: int) -> None:
         for kind, images in kinds.items():
             well = 0
             for image in images:
-                reading = reading_of(image, sensor.shape, depth_reader)
+                reading = read_frame(Frame(image), sensor.shape, depth_reader)
                 accepted = is_plausible(reading)
                 if kind == "no contact":
                     estimator.forget()

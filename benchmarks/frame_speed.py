@@ -1,18 +1,22 @@
-"""Raw 640x480 image → height, and → points with normals, on one thread, beside the original's way (`original.py`).
+"""Raw 640x480 image → height, and → points with normals, on one thread, beside the original's way (`original.py`); and → wrench.
 
 All read the same real images in turns. The ratio is of the thread's own times (median), which other programs on the
-machine do not change; the least wall times stand beside them.
+machine do not change; the least wall times stand beside them. Forces are those of a ball that is held, as in a stream: physics
+starts from the last image.
 """
 
 from functools import partial
 
 import tyro
-from figures import Figure, answer, at_least
+from figures import Figure, answer, at_least, at_most
 from original import Original
 from real_images import real_sensor, sensor_folder
 from turns import Tasks, Times, in_turns
 
 from ninedtact import Frame, point_cloud, read_image
+from ninedtact.design import Gel
+from ninedtact.force.estimator_loading import build_estimator
+from ninedtact.reading import read_frame
 
 Taken = dict[tuple[str, str], Times]
 """By whom and task."""
@@ -22,15 +26,18 @@ PRESSED = ("ball", "board", "ball_reference")
 RATIO = "ratio"
 READINGS = "physics", RATIO
 """Ours: the default, and the older method."""
+FORCE = "held ball"
+REQUIRED_MS = {"reading → wrench by physics": 4.0, "frame → shape and wrench by physics": 8.0}
 
 
 def frame_speed(rounds: int = 100, quick: bool = False, json: bool = False) -> None:
     """Measure, and print what it must reach."""
     ours = {reading: partial(our_tasks, reading) for reading in READINGS}
-    times = in_turns({"original": original_tasks, **ours}, rounds, quick)
+    times = in_turns({"original": original_tasks, **ours, FORCE: force_tasks}, rounds, quick)
     figures = [ratio(reading, task, times) for reading in READINGS for task in REQUIRED]
     figures += [cost(who, task, times) for who, task in times if who in READINGS]
     figures += [cost(who, task, times) for who, task in times if who == "original" and task not in REQUIRED]
+    figures += [force_cost(task, limit_ms, times[FORCE, task]) for task, limit_ms in REQUIRED_MS.items()]
     answer("Speed of one frame, one thread", figures, json)
 
 
@@ -58,6 +65,18 @@ def our_tasks(reading: str) -> Tasks:
         "of it: depth": lambda call: reader(rectified[call % 3]),
         "of it: point cloud": lambda call: point_cloud(heights[call % 3]),
     }
+
+
+def force_tasks() -> Tasks:
+    images, shape = real_sensor("sensor_a")
+    depth, frame = shape.depth_reader(Frame(images["ball_reference"])), Frame(images["ball"])
+    physics, held = build_estimator("physics", shape, Gel()), read_frame(frame, shape, depth)
+    calls = (lambda _: physics.estimate(held), lambda _: physics.estimate(read_frame(frame, shape, depth)))
+    return dict(zip(REQUIRED_MS, calls, strict=True))
+
+
+def force_cost(task: str, limit_ms: float, found: Times) -> Figure:
+    return at_most(f"{FORCE}: {task}, ms", found.median_cpu_ms, limit_ms, "ms", f"least wall {found.least_ms:.2f}")
 
 
 def ratio(reading: str, task: str, times: Taken) -> Figure:

@@ -17,12 +17,14 @@ import tyro
 from figures import Figure, answer, at_least
 
 from ninedtact.simulation.twin import Press
-from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
+from ninedtact_train.batched.executor import BatchExecutor, run_sessions
 from ninedtact_train.batched.session_requests import (
+    Device,
     RenderRequest,
     SessionRequest,
     SimulatedSetup,
     StepRequest,
+    choose_compute_device,
     respond_on_cpu,
 )
 from ninedtact_train.collecting.training_pair_rule import PairKindShares, SamplingRuleSettings
@@ -82,7 +84,7 @@ def torch_figures(
     for many in at_once or (ON_GPU if gpu else ON_CPU):
 
         def execute_on(setups: Sequence[SimulatedSetup], many: int = many) -> Execute:
-            return BatchExecutor(range(len(setups)), setups, device, many, print).execute
+            return BatchExecutor(dict(enumerate(setups)), device, many, print).execute
 
         yield from run(execute_on, many, batches, threads, quick).figures(f"{many} at a time", gpu)
     if not gpu:
@@ -134,7 +136,8 @@ def run(make: Callable[[list[SimulatedSetup]], Execute], many: int, batches: int
     setups = [make_simulated_sensor(number, settings) for number in range(settings.sensors)]
     clock = Clock(make(setups))
     sessions = [SimulatedPressSession(number, settings, setups[number % len(setups)]) for number in range(many)]
-    running = run_sessions(sessions, clock, threads)  # type: ignore[arg-type]
+    requests = {session.number: session.requests() for session in sessions}
+    running = run_sessions(requests, clock, threads)  # type: ignore[arg-type]
     while clock.batches < WARM_UP:
         next(running)
     clock.seconds.clear(), clock.done.clear()

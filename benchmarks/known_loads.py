@@ -56,19 +56,6 @@ class TwinOnBase:
         return float(np.exp(_MODULUS_STD * np.random.default_rng(seed).standard_normal()))
 
 
-@dataclass(frozen=True)
-class Row:
-    """F_z of one twin in one case."""
-
-    skill: float
-    slope: float
-    within_1: float
-    within_2: float
-    punch: float
-    base: float
-    """Error of the base in stated standard deviations; not-a-number before loads are known."""
-
-
 def known_loads(
     sensors: tuple[str, ...] = ("A", "L", "P", "Q"),
     ratios: tuple[float, ...] = (0.0, 0.04, 0.1, 0.2, 0.3333),
@@ -84,10 +71,7 @@ def known_loads(
     twins = [twin_on_base(name, ratio, presses, out) for ratio in ratios for name in sensors]
     if quick:
         save_sensor(twins[0].folder, calibrated("sensor_a", "physics"))  # it is another sensor, but calibrated sooner
-    results = {
-        number: {case: Row(*row) for case, row in found.items()}
-        for number, found in run_jobs(judge, [(twin,) for twin in twins], workers)
-    }
+    results = dict(run_jobs(judge, [(twin,) for twin in twins], workers))
     print(f"{'base':>14s} {'case':14s}  skill mean worst | slope from to | within 1σ 2σ | punch | base")
     for ratio in (*ratios, None):
         rows = [
@@ -134,7 +118,8 @@ def make_weighed_presses(twin: TwinOnBase, file: Path) -> None:
 
 
 def judge_cases(twin: TwinOnBase) -> dict[str, tuple[float, ...]]:
-    """Estimate all presses before and after known loads."""
+    """Estimate all presses before and after known loads: skill and slope of F_z, shares of errors within 1 σ and 2 σ, error of the
+    punch, and error of the base in stated standard deviations, which is not-a-number before loads are known."""
     factor = twin.modulus_factor
     with np.load(twin.presses) as stored, np.load(twin.weighed) as weighed:
         references = tuple(Frame(decoded(stored[f"reference_{number}"])) for number in range(REFERENCES))
@@ -169,15 +154,8 @@ def judge_cases(twin: TwinOnBase) -> dict[str, tuple[float, ...]]:
         off = np.abs(estimates - wrenches)[:, 2] / std[:, 2]
         scores = evaluate_predictions(WrenchPredictions(wrenches, estimates)).scores
         punch = np.mean(-punches[:, 2] / loads_n[len(balls) :] - 1)
-        slope = float(scores.slope_with_offset[2])
-        rows[case] = (
-            float(scores.skill[2]),
-            slope,
-            float((off < 1).mean()),
-            float((off < 2).mean()),
-            float(punch),
-            base,
-        )
+        skill, slope, within = scores.skill[2], scores.slope_with_offset[2], [(off < most).mean() for most in (1, 2)]
+        rows[case] = tuple(map(float, (skill, slope, *within, punch, base)))
     return rows
 
 
@@ -193,9 +171,9 @@ def estimated(
     return np.array([one.wrench.six for one in found]), np.array([one.std for one in found])
 
 
-def line(rows: list[Row]) -> str:
+def line(rows: list[tuple[float, ...]]) -> str:
     """Format the mean and worst of several twins."""
-    skill, slope, one, two, punch, base = np.array([list(vars(row).values()) for row in rows]).T
+    skill, slope, one, two, punch, base = np.array(rows).T
     bases = " ".join(f"{each:+.1f}" for each in base if np.isfinite(each))
     of_skill = f"{skill.mean():10.2f} {skill.min():5.2f} | {slope.min():5.2f} {slope.max():5.2f}"
     return f"{of_skill}   | {one.mean():8.2f} {two.mean():4.2f} | {np.abs(punch).mean():5.0%} | {bases}"

@@ -32,14 +32,10 @@ class Layer:
 
     thickness_mm: float = 2.5
     radius_mm: float = 20.0
-    rolling_rim: bool = False
-    """Whether the rim cannot move outward; else it is free."""
     element_mm: float = 0.2
     """Width of the elements under the ball, and mean height of all."""
     fine_to_mm: float = 5.0
     """Where elements begin to widen outward."""
-    crowding: float = 1.0
-    """From 1 on: how much the elements of the gel crowd towards the skin."""
     base_thickness_mm: float = 0.0
     """Thickness of the layer under the gel; zero for gel on the rigid floor."""
     base_modulus: float = 1.0
@@ -52,7 +48,7 @@ class Layer:
     @property
     def heights_mm(self) -> Float[Array, " rows"]:
         rows = round(self.thickness_mm / self.element_mm)
-        gel = self.thickness_mm * (1 - np.linspace(1, 0, rows + 1) ** self.crowding)
+        gel = np.linspace(0, self.thickness_mm, rows + 1)
         base_rows = round(self.base_thickness_mm / (2 * self.element_mm))
         return np.concatenate(
             [np.linspace(0, self.base_thickness_mm, base_rows + 1)[:-1], self.base_thickness_mm + gel]
@@ -145,13 +141,11 @@ class Parts:
     @cached_property
     def free(self) -> Array:
         """Indices of the displacements that nothing holds."""
-        basis, outermost = self.inside, self.layer.radius_mm
+        basis = self.inside
         held = [
             basis.get_dofs(lambda x: np.isclose(x[1], 0)).all(),
             basis.get_dofs(lambda x: np.isclose(x[0], 0)).all(["u^1"]),
         ]
-        if self.layer.rolling_rim:
-            held.append(basis.get_dofs(lambda x: np.isclose(x[0], outermost)).all(["u^1"]))
         return np.setdiff1d(np.arange(basis.N), np.concatenate(held))
 
     @cached_property

@@ -8,7 +8,8 @@ import os
 import resource
 import subprocess
 import sys
-import time
+import timeit
+from functools import partial
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -71,13 +72,8 @@ def processor_seconds(command: list[str], times: int) -> float:
 
 def best_seconds(command: list[str], tries: int) -> float:
     """The quickest of several fresh processes."""
-    return min(seconds(command) for _ in range(tries))
-
-
-def seconds(command: list[str]) -> float:
-    start = time.perf_counter()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return time.perf_counter() - start
+    run = partial(subprocess.run, command, check=True, stdout=subprocess.DEVNULL)
+    return min(timeit.repeat(run, number=1, repeat=tries))
 
 
 def lightness(name: str, program: str) -> Figure:

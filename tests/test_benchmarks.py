@@ -11,7 +11,6 @@ import pytest
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 SHARED = {
-    "altered_images",
     "ball_in_layer",
     "figures",
     "live_page",

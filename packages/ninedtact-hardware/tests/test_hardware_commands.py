@@ -11,12 +11,11 @@ from ninedtact.cli import main
 from ninedtact.design import CameraGeometry, DesignImpossible, Gel, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.command import format_bill_of_materials
-from ninedtact_hardware.design import HardwareDesign, original_hardware_design
+from ninedtact_hardware.design import HardwareDesign, lens_view_radius_mm, original_hardware_design
 from ninedtact_hardware.design_comparison import explore_designs
 from ninedtact_hardware.design_file import read_hardware_design
 from ninedtact_hardware.design_sweep import DesignSweep, change_design
 from ninedtact_hardware.fabrication_guide import format_fabrication_guide, write_fabrication_guide
-from ninedtact_hardware.lens_view import lens_view_radius_mm
 from ninedtact_hardware.materials import TRANSLUCENT_SILICONE, translucent_silicone_of_modulus
 from ninedtact_hardware.part_dimensions import FastenerDimensions, WindowDimensions
 

@@ -22,7 +22,7 @@ from ninedtact.design import SensingArea, SensorDesign
 from ninedtact_hardware.buildability import find_broken_rules
 from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 from ninedtact_hardware.led_board import (
-    compute_operating_point,
+    LedOperatingPoint,
     describe_redrawing,
     format_fabrication_notes,
     list_board_differences,
@@ -251,11 +251,11 @@ def test_the_resistor_of_the_design_is_ordered(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("ohm", "total_ma", "led_ma", "watt"), [(20_000, 90, 11.25, 0.18), (3_750, 480, 60, 0.96)])
 def test_the_two_resistors_of_the_published_board(ohm: float, total_ma: float, led_ma: float, watt: float) -> None:
-    light = compute_operating_point(ohm)
+    light = LedOperatingPoint(ohm)
     assert (light.total_ma, light.led_ma, light.driver_w) == pytest.approx((total_ma, led_ma, watt))
     assert find_broken_rules(replace(DESIGN, board=LedBoardDimensions(resistor_ohm=ohm))) == []
 
 
 @given(ohm=st.floats(1_200, 30_000))
 def test_brightness_and_resistor_are_inverse(ohm: float) -> None:
-    assert compute_operating_point(ohm).relative_brightness * ohm == pytest.approx(20_000)
+    assert LedOperatingPoint(ohm).relative_brightness * ohm == pytest.approx(20_000)

@@ -8,10 +8,10 @@ from build123d import Plane
 
 from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.design import HardwareDesign
-from ninedtact_hardware.part_catalogue import PART_CATALOGUE
 from ninedtact_hardware.part_dimensions import ShellDimensions, WindowDimensions
 from ninedtact_hardware.part_files import part_to_step, part_to_stl
 from ninedtact_hardware.part_solids import build_first_mould, build_transparent_gel
+from ninedtact_hardware.sensor_assembly import PART_CATALOGUE
 
 REFERENCE = {
     "sensor_base": ((32.5, 25.5, 8.5), 2419.59, 2748.67),

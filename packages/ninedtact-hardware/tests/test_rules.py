@@ -22,10 +22,11 @@ from ninedtact_hardware.design import (
     PART_TABLES,
     HardwareDesign,
     distance_to_edge_mm,
+    lens_view_radius_mm,
     original_hardware_design,
+    required_camera_distance_mm,
 )
 from ninedtact_hardware.design_sweep import change_design
-from ninedtact_hardware.lens_view import lens_view_radius_mm, required_camera_distance_mm
 from ninedtact_hardware.part_dimensions import (
     BaseDimensions,
     CalibrationBoardDimensions,

@@ -24,6 +24,7 @@ from ninedtact.cli import main
 from ninedtact.errors import DeviceError, InputError
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import CONNECT_TIMEOUT_S, connect_workers, require_workers, run_jobs
+from ninedtact.recording.reader import read_folder_files
 
 pytestmark = pytest.mark.cluster
 GENERATE = """
@@ -132,10 +133,6 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-
-
 def start(out: Path, cluster: LocalCluster) -> "subprocess.Popen[str]":
     command = [sys.executable, "-c", GENERATE, str(out), cluster.address]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -151,9 +148,9 @@ def test_a_killed_worker_is_replaced(cluster: LocalCluster, alone: Path, tmp_pat
     workers = cluster.worker_ids()
     assert len(workers) >= 2
     os.kill(workers[0], signal.SIGKILL)
-    assert len(contents(tmp_path / "pairs")) < len(contents(alone))
+    assert len(read_folder_files(tmp_path / "pairs")) < len(read_folder_files(alone))
     assert job.wait(400) == 0, job.stderr.read() if job.stderr else ""
-    assert contents(tmp_path / "pairs") == contents(alone)
+    assert read_folder_files(tmp_path / "pairs") == read_folder_files(alone)
 
 
 def test_a_killed_command_continues_with_the_same_bytes(cluster: LocalCluster, alone: Path, tmp_path: Path) -> None:
@@ -165,14 +162,14 @@ def test_a_killed_command_continues_with_the_same_bytes(cluster: LocalCluster, a
     assert 1 <= len(before) < 10
     again = start(tmp_path / "pairs", cluster)
     assert again.wait(400) == 0, again.stderr.read() if again.stderr else ""
-    assert contents(tmp_path / "pairs") == contents(alone)
+    assert read_folder_files(tmp_path / "pairs") == read_folder_files(alone)
     assert all((tmp_path / "pairs" / "data" / name).stat().st_mtime_ns == at for name, at in before.items())
 
 
 def test_build_gives_the_same_bytes(cluster: LocalCluster, alone: Path, tmp_path: Path) -> None:
     for name, options in (("one", ["--workers", "1"]), ("many", ["--cluster", cluster.address])):
         assert main(["dataset", "build", str(alone), "--out", str(tmp_path / name), "--json", *options]) == 0
-    assert contents(tmp_path / "one") == contents(tmp_path / "many")
+    assert read_folder_files(tmp_path / "one") == read_folder_files(tmp_path / "many")
 
 
 @pytest.fixture(scope="module")
@@ -252,7 +249,7 @@ def test_two_processes_train_one_model(alone: Path, tmp_path: Path) -> None:
 def test_sessions_in_threads_of_one_worker_give_the_same_bytes(alone: Path, tmp_path: Path) -> None:
     with dask_cluster(tmp_path, threads=2) as threaded:
         assert start(tmp_path / "pairs", threaded).wait(400) == 0
-    assert contents(tmp_path / "pairs") == contents(alone)
+    assert read_folder_files(tmp_path / "pairs") == read_folder_files(alone)
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:

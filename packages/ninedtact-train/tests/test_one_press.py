@@ -24,11 +24,15 @@ from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
 from ninedtact.simulation.simulated_sources import NO_FORCE_TORQUE_ERRORS, SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.trajectory import PRESS_SOLVER_SETTINGS, ScriptedPress, Trajectory, TrajectorySegment
 from ninedtact.simulation.twin import LOAD_TOLERANCE, Press, Twin, twin_from_design
-from ninedtact_train.batched.executor import BatchExecutor, Device
-from ninedtact_train.batched.session_requests import RenderRequest, SimulatedSetup, StepRequest
-from ninedtact_train.population.rectified_renderer import rectified_renderer
-from ninedtact_train.population.sensor_population import MechanicsShares, SampledSensor, sample_sensor
-from ninedtact_train.workflows.simulated_force_calibration import calibrate_on_simulated_loads
+from ninedtact_train.batched.executor import BatchExecutor
+from ninedtact_train.batched.session_requests import Device, RenderRequest, SimulatedSetup, StepRequest
+from ninedtact_train.population.sensor_population import (
+    MechanicsShares,
+    SampledSensor,
+    rectified_renderer,
+    sample_sensor,
+)
+from ninedtact_train.workflows.dataset_evaluation import calibrate_on_simulated_loads
 
 BALL, AT = Ball(4.0), Pose(0.6, -0.4, 0.45)
 KINDS = {
@@ -96,7 +100,7 @@ def test_a_data_set_holds_it(sensor: SampledSensor, twin: Twin, pressed: Press, 
         one, beside = (request.respond() for request in requests)
         image = RenderRequest(setup, one.corrected).respond()
     else:
-        executor = BatchExecutor([3], [setup], Device(device), 4, print)
+        executor = BatchExecutor({3: setup}, Device(device), 4, print)
         one, beside = executor.execute(requests)
         (image,) = executor.execute([RenderRequest(setup, one.corrected)])
     assert np.asarray(one.corrected.height_mm) == pytest.approx(pressed.corrected.height_mm, abs=2e-5)

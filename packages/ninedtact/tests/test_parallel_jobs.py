@@ -3,7 +3,6 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from time import monotonic, sleep
@@ -133,11 +132,8 @@ def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
     from ninedtact.errors import InputError
     from ninedtact_train.dataset.build import _make_part
     from ninedtact_train.dataset.checks import PairCheckSettings
-    from ninedtact_train.dataset.sources.source import SourceItem, SourcePart
+    from ninedtact_train.dataset.sources.htt_episodes import TactileTransformerSource
 
-    class EmptyPart(SourcePart):
-        def items(self) -> Iterator[SourceItem]:
-            return iter(())
-
+    source = TactileTransformerSource("in", tmp_path / "in")
     with pytest.raises(InputError, match=f"expected {tmp_path}/in on .*, got nothing there"):
-        _make_part(tmp_path, EmptyPart("in"), (tmp_path / "in",), 0, PairCheckSettings())
+        _make_part(tmp_path, source, tmp_path / "in" / "1.npz", 0, PairCheckSettings())

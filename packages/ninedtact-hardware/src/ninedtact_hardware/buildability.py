@@ -11,9 +11,15 @@ from math import atan2, dist, hypot, inf, radians, sqrt, tan
 
 from ninedtact.design import DesignImpossible, PinBoard
 from ninedtact_hardware.clearances import list_clearances
-from ninedtact_hardware.design import XY, HardwareDesign, distance_to_edge_mm
-from ninedtact_hardware.led_board import LED_LIMIT_MA, compute_operating_point
-from ninedtact_hardware.lens_view import lens_view_radius_mm, required_camera_distance_mm, sensing_corner_distance_mm
+from ninedtact_hardware.design import (
+    XY,
+    HardwareDesign,
+    distance_to_edge_mm,
+    lens_view_radius_mm,
+    required_camera_distance_mm,
+    sensing_corner_distance_mm,
+)
+from ninedtact_hardware.led_board import LED_LIMIT_MA, LedOperatingPoint
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ def list_design_rules(design: HardwareDesign) -> Iterator[DesignRule]:
     yield from _mould_rules(design)
     yield from _view_rules(design)
     yield from _calibration_board_rules(design)
-    led_ma = compute_operating_point(design.board.resistor_ohm).led_ma
+    led_ma = LedOperatingPoint(design.board.resistor_ohm).led_ma
     remedy = "raise board.resistor_ohm"
     yield DesignRule("leds_too_bright", "a current in each LED", led_ma, most=LED_LIMIT_MA, remedy=remedy, unit="mA")
 

@@ -8,18 +8,21 @@ from typing import Any
 from ninedtact_hardware.bill_of_materials import BillItem, build_bill_of_materials, sensor_cost_usd
 from ninedtact_hardware.buildability import require_buildable_design
 from ninedtact_hardware.clearances import Clearance, list_clearances
-from ninedtact_hardware.design import HardwareDesign
+from ninedtact_hardware.design import HardwareDesign, lens_view_radius_mm, sensing_corner_distance_mm
 from ninedtact_hardware.led_board import describe_redrawing, list_board_differences
-from ninedtact_hardware.lens_view import lens_view_radius_mm, sensing_corner_distance_mm
-from ninedtact_hardware.part_catalogue import BuiltPart, build_parts
 from ninedtact_hardware.published_specifications import (
     OTHER_PUBLISHED_SENSORS,
     PUBLISHED_9DTACT,
     SensorSpecification,
     format_sensor_comparison,
-    specification_of_design,
 )
-from ninedtact_hardware.sensor_assembly import AssemblyBody, BodyPair, find_nearby_part_pairs, place_assembly_bodies
+from ninedtact_hardware.sensor_assembly import (
+    BodyPair,
+    BuiltPart,
+    build_parts,
+    find_nearby_part_pairs,
+    place_assembly_bodies,
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class BuildableDesign:
         return build_parts(self.design)
 
     @cached_property
-    def bodies(self) -> list[AssemblyBody]:
+    def bodies(self) -> list[BuiltPart]:
         """The bodies of the assembled sensor."""
         return place_assembly_bodies(self.design, self.parts)
 
@@ -68,8 +71,16 @@ class BuildableDesign:
 
     @cached_property
     def specification(self) -> SensorSpecification:
-        """Size, sensing area, mass and cost, as a row of the paper's table."""
-        return specification_of_design(self.design, (body.mass_g for body in self.bodies), sensor_cost_usd(self.bill))
+        """Size without cable and plug, sensing area, mass and cost, as a row of the paper's table."""
+        design, area = self.design, self.design.sensor.sensing_area
+        return SensorSpecification(
+            f"this design ({design.variant})",
+            (*design.horizontal_dimensions.outer, design.heights.top),
+            area.width_mm * area.height_mm,
+            sum(body.mass_g for body in self.bodies),
+            sensor_cost_usd(self.bill),
+            "parts, estimated",
+        )
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return the results of all checks as a dictionary that JSON can hold."""

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 from math import hypot, inf, sqrt
 
-from ninedtact_hardware.design import HardwareDesign, distance_to_edge_mm
-from ninedtact_hardware.lens_view import lens_view_radius_mm
+from ninedtact_hardware.design import HardwareDesign, distance_to_edge_mm, lens_view_radius_mm
 from ninedtact_hardware.part_dimensions import M2_DIAMETER_MM
 
 
@@ -51,7 +50,6 @@ def _board_to_ceiling_mm(design: HardwareDesign) -> float:
 
 
 def _led_to_ring_mm(design: HardwareDesign) -> float:
-    """Return the distance from the nearest LED edge to the square of the ring, seen from above."""
     half, (wide, deep, _) = design.horizontal_dimensions.ring_side / 2, design.board.led_mm
     return min(
         _rectangle_distance_mm(abs(x) - wide / 2 - half, abs(y) - deep / 2 - half)
@@ -231,7 +229,6 @@ def _fastener_clearances(design: HardwareDesign) -> Iterator[Clearance]:
 
 
 def _outer_clearances(design: HardwareDesign) -> Iterator[Clearance]:
-    """Yield the clearances of what lies on the sensor's rim, slides over it or is plugged into it."""
     board, shell, levels, plan = design.board, design.shell, design.heights, design.horizontal_dimensions
     faces, least = "black gel and second mould, outer edge of the shell's rim", MIN_MOULD_SEAT_MM
     changed = "shell.wall_mm, shell.corner_radius_mm, sensing_area.overlap_mm or gels.black_side_mm"

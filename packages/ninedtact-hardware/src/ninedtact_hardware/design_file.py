@@ -35,7 +35,6 @@ def read_hardware_design(path: Path | str | None, variant: DesignVariant) -> Har
 
 
 def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> tuple[DesignVariant, Any]:
-    """Return the variant that the tables name, or else the given one, and the tables without it."""
     if not isinstance(hardware, dict) or VARIANT_KEY not in hardware:
         return variant, hardware
     named = hardware[VARIANT_KEY]
@@ -49,7 +48,6 @@ def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> t
 
 
 def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
-    """Return a design in which the dimensions of these tables replace its own."""
     if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
         raise FileFormatError(
             expected=f"[hardware] of {path} to hold tables", got="values", remedy="write [hardware.shell] and the like"

@@ -24,7 +24,6 @@ from ninedtact_hardware.buildable_design import BuildableDesign
 from ninedtact_hardware.clearances import fits_of_part
 from ninedtact_hardware.design_file import hardware_design_to_toml
 from ninedtact_hardware.led_board import read_board_files
-from ninedtact_hardware.materials import MATERIAL_OF_PART
 from ninedtact_hardware.part_and_assembly_images import (
     BgrImage,
     render_exploded_view,
@@ -32,10 +31,10 @@ from ninedtact_hardware.part_and_assembly_images import (
     render_section,
     render_sensor,
 )
-from ninedtact_hardware.part_catalogue import METHODS_WITH_FILES, BuiltPart
 from ninedtact_hardware.part_drawing import TOLERANCES, draw_part_as_svg_and_pdf
 from ninedtact_hardware.part_files import assembly_to_step, part_to_dxf, part_to_step, part_to_stl
 from ninedtact_hardware.part_solids import build_bare_board
+from ninedtact_hardware.sensor_assembly import BuiltPart
 
 STOCK_THICKNESSES_MM = 2.0, 3.0, 4.0, 5.0, 6.0
 """Thicknesses of acrylic sheet that most shops stock, by assumption: no shop was contacted."""
@@ -72,7 +71,7 @@ def format_shop_notes(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
 
 def _part_lines(sensor: BuildableDesign, part: BuiltPart) -> Iterator[str]:
     """Yield the line of a part, and of a printed one what has to fit it."""
-    material, thick_mm = MATERIAL_OF_PART[part.name].name, part.size_mm[2]
+    material, thick_mm = part.material.name, part.size_mm[2]
     count = next(item.count for item in sensor.bill if item.name == part.name)
     if part.method == "cut":
         shelf = "" if round(thick_mm, 3) in STOCK_THICKNESSES_MM else "; not on every shelf: measure"
@@ -99,7 +98,6 @@ def require_replaceable_parts_folder(out: Path) -> None:
 
 
 def _list_exported_files(manifest: Path) -> frozenset[str]:
-    """Return the files that an earlier export lists; none if this is not one of our manifests."""
     try:
         content = read_json_object(manifest)
     except (OSError, ValueError):
@@ -152,7 +150,7 @@ def _part_files(sensor: BuildableDesign, part: BuiltPart) -> Iterator[tuple[str,
         # The name states the thickness, because a DXF does not.
         yield f"cut/{part.name}_{part.size_mm[2]:.2f}mm.dxf", part_to_dxf(part.solid)
     yield f"images/{part.name}.png", _encode_png(render_part(part))
-    if part.method in METHODS_WITH_FILES:
+    if part.method in TOLERANCES:
         drawings = draw_part_as_svg_and_pdf(sensor.design, part)
         yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in drawings)
 
@@ -161,7 +159,7 @@ def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
     parts = {
         part.name: {
             "method": part.method,
-            "material": MATERIAL_OF_PART[part.name].name,
+            "material": part.material.name,
             "volume_mm3": round(part.volume_mm3, 4),
             "box_mm": [round(side, 4) for side in part.size_mm],
         }

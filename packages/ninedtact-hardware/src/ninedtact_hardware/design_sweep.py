@@ -8,8 +8,7 @@ from math import prod
 from ninedtact.design import SensingArea, SensorDesign, shore_a_to_shear_modulus_mpa
 from ninedtact.errors import InputError
 from ninedtact_hardware.buildability import count_pins_within
-from ninedtact_hardware.design import XY, HardwareDesign
-from ninedtact_hardware.lens_view import required_camera_distance_mm
+from ninedtact_hardware.design import XY, HardwareDesign, required_camera_distance_mm
 
 MAX_DESIGNS = 200
 """Largest number of designs in one sweep; a longer comparison is not readable."""
@@ -46,7 +45,6 @@ USUAL_SWEEP = DesignSweep(gel_mm=(1.5, 2.5, 4.0), shore_a=(5.0, 15.0))
 
 
 def _parse_area(text: str) -> XY:
-    """Return width and height in mm of a text such as `24x18`; raises `InputError`."""
     try:
         width, height = map(float, text.lower().split("x"))
     except ValueError:

@@ -24,13 +24,12 @@ from ninedtact_hardware.materials import (
 from ninedtact_hardware.part_and_assembly_images import (
     FROM_ABOVE,
     FROM_BELOW,
-    BgrImage,
     ViewAngles,
     colour_bodies,
     cut_bodies_open,
     render_solids,
 )
-from ninedtact_hardware.sensor_assembly import AssemblyBody
+from ninedtact_hardware.sensor_assembly import BuiltPart
 
 FOCUS_BEYOND_MM = 0.95
 """Distance beyond the skin at which the lens is focused: the original's authors focus on print at 15 mm, the skin lies
@@ -74,26 +73,19 @@ BETWEEN_MM = 24.0
 
 @dataclass(frozen=True)
 class _AssemblyScene:
-    """The bodies in an image and the direction from which they are seen."""
-
-    bodies: list[AssemblyBody]
+    bodies: list[BuiltPart]
     eye: ViewAngles = FROM_ABOVE
     cut: bool = False
     """Whether the half at -y is removed."""
-
-    def render(self) -> BgrImage:
-        """Render the scene as a BGR image."""
-        bodies = cut_bodies_open(self.bodies) if self.cut else self.bodies
-        return render_solids(colour_bodies(bodies), self.eye, SIZE_PX)
 
 
 def _assembly_scenes(sensor: BuildableDesign) -> dict[str, _AssemblyScene]:
     """Return the scene after each step, by the name of its image in the template."""
     design, levels = sensor.design, sensor.design.heights
 
-    def part(name: str, lift_mm: float = 0.0) -> AssemblyBody:
+    def part(name: str, lift_mm: float = 0.0) -> BuiltPart:
         """Return one part, raised above its position; moulds and base board lie on z = 0."""
-        return AssemblyBody(name, Pos(0, 0, lift_mm) * sensor.parts[name].solid)
+        return BuiltPart(name, Pos(0, 0, lift_mm) * sensor.parts[name].solid)
 
     inserts = [body for body in sensor.bodies if body.kind == "insert"]
     base, shell = [part("sensor_base"), *inserts[:4]], [part("sensor_shell"), *inserts[4:]]
@@ -107,7 +99,7 @@ def _assembly_scenes(sensor: BuildableDesign) -> dict[str, _AssemblyScene]:
     # The calibration board faces the skin, its pins 12 mm above it.
     tray_lift = levels.top + design.pin_frame.floor_mm + design.pin_frame.pin_tall_mm + 12.0
     facing_down = Pos(0, 0, tray_lift) * (Rot(180, 0, 0) * sensor.parts["calibration_board"].solid)
-    tray = AssemblyBody("calibration_board", Part() + facing_down)
+    tray = BuiltPart("calibration_board", Part() + facing_down)
     return {
         "01_inserts": _AssemblyScene([*base, *shell_on_its_rim]),
         "02_window": _AssemblyScene([*shell, part("acrylic_window", 6.0)]),
@@ -139,7 +131,9 @@ def write_fabrication_guide(sensor: BuildableDesign, out: Path) -> Iterator[Path
     contents = dict[Path, bytes]()
     for name, scene in _assembly_scenes(sensor).items():
         path = out / "images" / f"fabrication_{name}.png"
-        contents[path] = cv2.imencode(".png", scene.render())[1].tobytes()
+        bodies = cut_bodies_open(scene.bodies) if scene.cut else scene.bodies
+        image = render_solids(colour_bodies(bodies), scene.eye, SIZE_PX)
+        contents[path] = cv2.imencode(".png", image)[1].tobytes()
         yield path
     page = out / "fabrication.md"
     for path, content in (contents | {page: format_fabrication_guide(sensor).encode()}).items():

@@ -92,25 +92,18 @@ LED_LIMIT_MA = 60.0
 a USB 2 port."""
 
 
-@dataclass(frozen=True)
 class LedOperatingPoint:
     """Current, brightness and heat of the board with a given resistor."""
 
-    total_ma: float
-    led_ma: float
-    """Current of each LED if all share equally: they are in parallel, without resistors of their own."""
-    relative_brightness: float
-    """Of the light as a whole, beside the usual board's, taken as proportional to the current. White LEDs lose efficiency as
-    the current grows, so bright settings turn out a little darker than stated; how much was not measured."""
-    driver_w: float
-    """Heat in U1, which reduces the current on its own above 135 °C."""
-
-
-def compute_operating_point(resistor_ohm: float) -> LedOperatingPoint:
-    """Return current, brightness and heat that follow from the resistor."""
-    total_ma = DRIVER_VOLTS / resistor_ohm * 1000
-    brightness = USUAL_RESISTOR_OHM / resistor_ohm
-    return LedOperatingPoint(total_ma, total_ma / LED_COUNT, brightness, (SUPPLY_V - LED_V) * total_ma / 1000)
+    def __init__(self, resistor_ohm: float) -> None:
+        self.total_ma = DRIVER_VOLTS / resistor_ohm * 1000
+        self.led_ma = self.total_ma / LED_COUNT
+        """Current of each LED if all share equally: they are in parallel, without resistors of their own."""
+        self.relative_brightness = USUAL_RESISTOR_OHM / resistor_ohm
+        """Of the light as a whole, beside the usual board's, taken as proportional to the current. White LEDs lose efficiency as
+        the current grows, so bright settings turn out a little darker than stated; how much was not measured."""
+        self.driver_w = (SUPPLY_V - LED_V) * self.total_ma / 1000
+        """Heat in U1, which reduces the current on its own above 135 °C."""
 
 
 PROJECT = files("ninedtact_hardware") / "led_board_project"
@@ -157,7 +150,7 @@ def _pack_files(contents: dict[str, bytes]) -> bytes:
 
 def format_fabrication_notes(design: HardwareDesign) -> str:
     """Return instructions for the board house, or what to redraw before one can make the board."""
-    (width, height), light = design.horizontal_dimensions.led_board, compute_operating_point(design.board.resistor_ohm)
+    (width, height), light = design.horizontal_dimensions.led_board, LedOperatingPoint(design.board.resistor_ohm)
     lines = [f"LED board of a 9DTact sensor, {width:g} x {height:g} mm", ""]
     if differences := list_board_differences(design):
         lines += ["DO NOT ORDER the board of this KiCad project: " + describe_redrawing(differences) + ".", ""]

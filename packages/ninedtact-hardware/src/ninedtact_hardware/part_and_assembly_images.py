@@ -15,9 +15,8 @@ from numpy import ndarray as Array
 
 from ninedtact.simulation.objects.mesh_raster import lower_to_triangles, split_triangles_into_batches
 from ninedtact_hardware.materials import Colour
-from ninedtact_hardware.part_catalogue import BuiltPart
 from ninedtact_hardware.part_files import Triangles, triangulate_solid
-from ninedtact_hardware.sensor_assembly import AssemblyBody
+from ninedtact_hardware.sensor_assembly import BuiltPart
 
 SUPERSAMPLING = 2
 """Images are rendered this many times finer and averaged."""
@@ -160,49 +159,49 @@ PUBLISHED_SHELL_MM = 32.5, 25.5, 19.5
 
 def render_part(part: BuiltPart) -> BgrImage:
     """Render one part from above, and beside it from below where that shows more."""
-    body = colour_bodies([AssemblyBody(part.name, part.solid)])
+    body = colour_bodies([part])
     above = render_solids(body, FROM_ABOVE)
     return cv2.hconcat([above, render_solids(body, FROM_BELOW)]) if part.name in PARTS_SHOWN_FROM_BELOW else above
 
 
-def render_sensor(bodies: Sequence[AssemblyBody]) -> BgrImage:
+def render_sensor(bodies: Sequence[BuiltPart]) -> BgrImage:
     """Render the assembled sensor."""
     return render_solids(colour_bodies(bodies))
 
 
-def render_exploded_view(bodies: Sequence[AssemblyBody]) -> BgrImage:
+def render_exploded_view(bodies: Sequence[BuiltPart]) -> BgrImage:
     """Render the bodies pulled apart along z, in the order of assembly."""
     further = shell_enlargement_factor(bodies)
     moved = [replace(body, solid=Pos(0, 0, further * _lift_mm(body)) * body.solid) for body in bodies]
     return render_solids(colour_bodies(moved), ViewAngles(-52.0, 20.0), (560, 1500))
 
 
-def shell_enlargement_factor(bodies: Sequence[AssemblyBody]) -> float:
+def shell_enlargement_factor(bodies: Sequence[BuiltPart]) -> float:
     """Return the factor by which the shell is larger than the published one, along its side that grew most; at least 1."""
     (shell,) = (body for body in bodies if body.name == "sensor_shell")
     sides = zip(tuple(shell.solid.bounding_box().size), PUBLISHED_SHELL_MM, strict=True)
     return max(1.0, *(side / published for side, published in sides))
 
 
-def _lift_mm(body: AssemblyBody) -> float:
+def _lift_mm(body: BuiltPart) -> float:
     """Return the height by which a body is raised; the shell's inserts rise with the shell."""
     if body.kind == "insert" and int(body.name.split("_")[1]) > 4:
         return LIFTS_MM["sensor_shell"]
     return LIFTS_MM[body.kind]
 
 
-def render_section(bodies: Sequence[AssemblyBody]) -> BgrImage:
+def render_section(bodies: Sequence[BuiltPart]) -> BgrImage:
     """Render the sensor cut open through the middle, the half at -y removed."""
     return render_solids(colour_bodies(cut_bodies_open(bodies)), SECTION_VIEW, (1000, 800))
 
 
-def cut_bodies_open(bodies: Sequence[AssemblyBody]) -> list[AssemblyBody]:
+def cut_bodies_open(bodies: Sequence[BuiltPart]) -> list[BuiltPart]:
     """Return the halves at +y of a plane just beside the axis, so that it does not coincide with touching faces."""
     keep = Pos(0, FAR_MM + 0.01, 0) * Box(2 * FAR_MM, 2 * FAR_MM, 2 * FAR_MM)
     halves = ((body, body.solid & keep) for body in bodies)
     return [replace(body, solid=Part() + half) for body, half in halves if half is not None and half.volume > 0]
 
 
-def colour_bodies(bodies: Iterable[AssemblyBody]) -> list[ColouredMesh]:
+def colour_bodies(bodies: Iterable[BuiltPart]) -> list[ColouredMesh]:
     """Triangulate bodies and give each the colour of its material."""
     return [ColouredMesh(triangulate_solid(body.solid), body.material.colour) for body in bodies]

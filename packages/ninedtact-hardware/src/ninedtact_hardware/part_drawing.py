@@ -18,8 +18,6 @@ from build123d import Axis
 
 from ninedtact_hardware.clearances import fits_of_part
 from ninedtact_hardware.design import XY, HardwareDesign
-from ninedtact_hardware.materials import MATERIAL_OF_PART
-from ninedtact_hardware.part_catalogue import BuiltPart
 from ninedtact_hardware.part_geometry import (
     ProjectedView,
     RoundFeatures,
@@ -28,6 +26,7 @@ from ninedtact_hardware.part_geometry import (
     project_section,
     project_view,
 )
+from ninedtact_hardware.sensor_assembly import BuiltPart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +54,7 @@ TOLERANCES = {
 def list_drawing_notes(design: HardwareDesign, part: BuiltPart) -> dict[str, list[str]]:
     """Return the lines of notes on a part by their heading: manufacture, fits, holes, and every dimension by its name."""
     x, y, z = part.size_mm
-    made = f"{MATERIAL_OF_PART[part.name].name}, {part.method}", f"tolerance {TOLERANCES[part.method]}"
+    made = f"{part.material.name}, {part.method}", f"tolerance {TOLERANCES[part.method]}"
     box = f"box {x:.2f} x {y:.2f} x {z:.2f}, volume {part.volume_mm3:.1f} mm³"
     scale = f"scale {_choose_scale(part.size_mm):g} : 1 on A3, third angle, lengths in mm"
     notes = {

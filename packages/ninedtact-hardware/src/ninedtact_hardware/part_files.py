@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import DesignImpossible
 from ninedtact_hardware.design import XY
-from ninedtact_hardware.sensor_assembly import AssemblyBody
+from ninedtact_hardware.sensor_assembly import BuiltPart
 
 STL_HEADER_BYTES = 84
 """A title of 80 bytes, then the number of triangles."""
@@ -75,7 +75,7 @@ def part_to_step(name: str, solid: Part) -> bytes:
     return _shape_to_step(_label_solid(name, solid))
 
 
-def assembly_to_step(bodies: Sequence[AssemblyBody]) -> bytes:
+def assembly_to_step(bodies: Sequence[BuiltPart]) -> bytes:
     """Return all bodies in position as one STEP file, each under its name."""
     return _shape_to_step(Compound(label="sensor", children=[_label_solid(body.name, body.solid) for body in bodies]))
 
@@ -134,7 +134,6 @@ def part_to_dxf(part: Part) -> bytes:
 
 
 def _add_outline(space: Any, wire: Wire, layer: str) -> None:
-    """Add one closed wire as one entity: a circle, or a polyline of lines and arcs."""
     edges = [*wire.order_edges()]
     if len(edges) == 1 and edges[0].geom_type == GeomType.CIRCLE:
         centre = edges[0].arc_center

@@ -107,7 +107,6 @@ def project_section(part: Part) -> ProjectedView:
 
 
 def _wire_to_polyline(wire: Wire) -> Polyline:
-    """Return a closed run of edges in the plane x = 0 as points (y, z)."""
     return np.array([place[1:] for edge in wire.order_edges() for place in _sample_edge(edge)])
 
 
@@ -118,7 +117,6 @@ def _edges_to_polylines(edges: Iterable[Edge]) -> tuple[Polyline, ...]:
 
 
 def _sample_edge(edge: Edge) -> Iterator[tuple[float, float, float]]:
-    """Yield points along an edge: its ends, or many of a curve."""
     many = 2 if edge.geom_type == GeomType.LINE else min(max(round(POINTS_PER_MM * edge.length), FEWEST), MOST)
     # The curve is evaluated directly, because `edge @ part` measures the edge's length anew for every point.
     curve = edge.geom_adaptor()

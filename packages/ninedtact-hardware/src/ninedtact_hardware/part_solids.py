@@ -126,7 +126,6 @@ def _locating_pins(design: HardwareDesign) -> list[Part]:
 
 
 def _pocket_outline(design: HardwareDesign) -> Face:
-    """Return the outline of pocket and channel, seen from above."""
     base, side = design.base, design.horizontal_dimensions.outer[1] / 2 + _CUT_MARGIN_MM
     pocket, channel = base.pocket_wide_mm / 2, base.channel_wide_mm / 2
     front, back = base.pocket_front_mm, -base.pocket_back_mm
@@ -250,7 +249,6 @@ def _mould(design: HardwareDesign, thick: float, window: XY, radius: float) -> P
 
 
 def _clamping_plate(design: HardwareDesign, thick: float) -> Part:
-    """Return the outline and the clamping holes that all plates share."""
     body = _make_plate(design.horizontal_dimensions.plate, (0, thick), design.moulds.corner_radius_mm)
     return body - _make_cylinders_at(
         design.moulds.hole_mm, (-_CUT_MARGIN_MM, thick + _CUT_MARGIN_MM), design.horizontal_dimensions.clamps

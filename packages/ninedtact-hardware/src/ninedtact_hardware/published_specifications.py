@@ -3,17 +3,13 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from ninedtact_hardware.design import HardwareDesign
-
-BoxSize = tuple[float, float, float]
-
 
 @dataclass(frozen=True)
 class SensorSpecification:
     """Size, sensing area, mass, cost and image rate of one sensor, published or designed."""
 
     name: str
-    size_mm: BoxSize
+    size_mm: tuple[float, float, float]
     sensing_mm2: float
     mass_g: float | None
     """None where the paper states none."""
@@ -44,22 +40,6 @@ OTHER_PUBLISHED_SENSORS = (
     SensorSpecification("DTact", (45.0, 45.0, 47.0), 24.0 * 24.0, 78.0, 34.0, rate_hz=60.0),
 )
 """The other rows of Table I of the 9DTact paper (docs/references.md#9dtact). The makers' own data sheets differ in places."""
-
-
-def specification_of_design(design: HardwareDesign, masses_g: Iterable[float], cost_usd: float) -> SensorSpecification:
-    """Return the row of the comparison table for a design, from the masses of its bodies and its cost.
-
-    Its size is that of the finished sensor without cable and plug.
-    """
-    area = design.sensor.sensing_area
-    return SensorSpecification(
-        f"this design ({design.variant})",
-        (*design.horizontal_dimensions.outer, design.heights.top),
-        area.width_mm * area.height_mm,
-        sum(masses_g),
-        cost_usd,
-        "parts, estimated",
-    )
 
 
 def format_sensor_comparison(rows: Iterable[SensorSpecification]) -> Iterator[str]:

@@ -21,11 +21,12 @@ from ninedtact.mechanics import skin
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.recording.reader import read_folder_files
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.twin import PoseOutOfView, Press
-from ninedtact_train.batched import executor
-from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device
-from ninedtact_train.batched.session_requests import RenderRequest, StepRequest
+from ninedtact_train.batched import session_requests
+from ninedtact_train.batched.executor import BatchExecutor
+from ninedtact_train.batched.session_requests import Device, RenderRequest, StepRequest, choose_compute_device
 from ninedtact_train.collecting.training_pair_rule import PairKindShares
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
 from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings
@@ -67,16 +68,12 @@ def together(tmp_path_factory: pytest.TempPathFactory) -> GenerationResult:
 
 @pytest.fixture(scope="module")
 def room() -> BatchExecutor:
-    benches = [make_simulated_sensor(number, SMALL) for number in range(SMALL.sensors)]
-    return BatchExecutor(range(SMALL.sensors), benches, Device("torch-cpu"), 8, print)
+    benches = {number: make_simulated_sensor(number, SMALL) for number in range(SMALL.sensors)}
+    return BatchExecutor(benches, Device("torch-cpu"), 8, print)
 
 
 def rows(folder: Path) -> list[dict[str, Any]]:
     return [row for path in sorted((folder / "data").iterdir()) for row in pq.read_table(path).to_pylist()]
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def assert_same_pairs(found: Path, wanted: Path) -> None:
@@ -106,14 +103,14 @@ def test_a_batch_of_another_size_makes_the_same_pairs(tmp_path: Path, together: 
 
 
 def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, together: GenerationResult) -> None:
-    before = contents(together.folder)
+    before = read_folder_files(together.folder)
     path = together.folder / "data" / "train-00001-of-00003.parquet"
     path.unlink()
     other = together.folder / "data" / "train-00000-of-00003.parquet"
     age = other.stat().st_mtime_ns
     again = generate_dataset(together.folder, SMALL, device="torch-cpu")
     assert again.new_files == 1
-    assert contents(together.folder) == before
+    assert read_folder_files(together.folder) == before
     assert other.stat().st_mtime_ns == age
 
 
@@ -171,14 +168,14 @@ def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
 def test_other_trouble_is_not_taken_for_a_full_memory(room: BatchExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(skin, "forward_transform", FullMemory(0, RuntimeError("CUDA error: an illegal memory access")))
     with pytest.raises(RuntimeError, match="illegal"):
-        room.execute([StepRequest(room.setup(0), None, Ball(), Pose(depth_mm=0.5))])
+        room.execute([StepRequest(room.setups[0], None, Ball(), Pose(depth_mm=0.5))])
 
 
 def test_a_press_that_leaves_no_gel_is_refused_alone(room: BatchExecutor) -> None:
     """On a base that hardly yields an object can be deeper than the gel is thick, but not without gel under it."""
-    gel = replace(room.setup(0).twin.gel, finite_strain=1.0, gel_to_base_modulus_ratio=0.002)
-    bench = replace(room.setup(0), twin=replace(room.setup(0).twin, gel=gel))
-    alone = BatchExecutor([0], [bench], room.device, 2, print)
+    gel = replace(room.setups[0].twin.gel, finite_strain=1.0, gel_to_base_modulus_ratio=0.002)
+    bench = replace(room.setups[0], twin=replace(room.setups[0].twin, gel=gel))
+    alone = BatchExecutor({0: bench}, room.device, 2, print)
     deep, shallow = (
         StepRequest(bench, None, Ball(), Pose(depth_mm=part * gel.thickness_mm), on_whole_grid=True)
         for part in (1.15, 0.3)
@@ -191,7 +188,7 @@ def test_a_press_that_leaves_no_gel_is_refused_alone(room: BatchExecutor) -> Non
 
 
 def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> None:
-    bench = room.setup(0)
+    bench = room.setups[0]
     assert isinstance(room.execute([StepRequest(bench, None, Ball(), Pose(depth_mm=0.02), 3.0)])[0], StepRequest), (
         "its window was too small"
     )
@@ -224,7 +221,7 @@ def test_one_of_a_batch_is_refused_as_it_would_be_alone(room: BatchExecutor) -> 
 
 
 def test_untouched_skin_is_shown_as_it_is(room: BatchExecutor) -> None:
-    assert room.execute([RenderRequest(room.setup(1), None)]) == [None]
+    assert room.execute([RenderRequest(room.setups[1], None)]) == [None]
 
 
 @pytest.mark.parametrize("poses", [TILTED, [Pose(pose.x_mm, twist_rad=pose.twist_rad) for pose in TILTED]])
@@ -264,7 +261,7 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
     there: int,
     said: str,
 ) -> None:
-    monkeypatch.setattr(executor, "_gpu_count", lambda: there)
+    monkeypatch.setattr(session_requests, "_gpu_count", lambda: there)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith(f"ninedtact: expected {name}, a GPU that torch sees, {said}; give --device cpu")
@@ -272,11 +269,11 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
 
 
 def test_a_gpu_that_is_there_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executor, "_gpu_count", lambda: 2)
-    monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
+    monkeypatch.setattr(session_requests, "_gpu_count", lambda: 2)
+    monkeypatch.setattr(session_requests, "_gpu_driver_exists", lambda: True)
     assert [choose_compute_device(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
     assert not choose_compute_device("cpu").is_batched
-    monkeypatch.setattr(executor, "_gpu_count", lambda: 0)
+    monkeypatch.setattr(session_requests, "_gpu_count", lambda: 0)
     assert choose_compute_device("auto") == Device("cpu")
 
 
@@ -293,8 +290,8 @@ def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch)
 def test_without_torch_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
-    monkeypatch.setattr(executor, "find_spec", lambda module: None)
-    monkeypatch.setattr(executor, "_gpu_driver_exists", lambda: True)
+    monkeypatch.setattr(session_requests, "find_spec", lambda module: None)
+    monkeypatch.setattr(session_requests, "_gpu_driver_exists", lambda: True)
     assert main(["simulate", "dataset", "--out", str(tmp_path / "pairs"), "--device", name]) == 1
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert f"got no such package; run {installation_command('train')}" in line
@@ -303,7 +300,7 @@ def test_without_torch_the_extra_is_named(
 
 def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
     options = "--pairs 2 --sensors 1 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --workers 1 --json"
-    device = "--device cpu" if executor._gpu_driver_exists() else ""
+    device = "--device cpu" if session_requests._gpu_driver_exists() else ""
     arguments = ["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split(), *device.split()]
     check = (
         f"import sys; from ninedtact.cli import main; main({arguments}); print('torch' in sys.modules, file=sys.stderr)"

@@ -29,8 +29,8 @@ from ninedtact.recording.reader import Recording
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact_train.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
 from ninedtact_train.collecting.collected_pairs import read_recorded_pairs
+from ninedtact_train.collecting.collection_sources import merge_live_streams
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
-from ninedtact_train.collecting.merge_streams import merge_live_streams
 from ninedtact_train.collecting.pair_selection import CollectSettings
 
 

@@ -20,7 +20,7 @@ from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
-from ninedtact.recording.topics_and_messages import RecordingEventKind
+from ninedtact.recording.topics_and_messages import RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact_train.cli.collect import (
@@ -31,11 +31,12 @@ from ninedtact_train.cli.collect import (
 )
 from ninedtact_train.collecting.collected_pairs import RecordedPair, read_recorded_pairs
 from ninedtact_train.collecting.collection_sources import (
+    MergedArrival,
     build_simulated_collect_setup,
     collection_setup_from_recordings,
+    merge_recorded_streams,
 )
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
-from ninedtact_train.collecting.merge_streams import MergedArrival, merge_recorded_streams
 from ninedtact_train.collecting.pair_selection import CollectSettings
 from ninedtact_train.collecting.sample_faults import SampleFault
 from ninedtact_train.collecting.training_pair_rule import SamplingRuleSettings
@@ -225,6 +226,8 @@ def test_a_sensor_that_errs_is_told_and_nothing_untrue_is_saved(what: str, tmp_p
     assert collector.rejected[fault] > 0
     with Recording(tmp_path / "e.mcap") as episode:
         told = [event for event in episode.events() if event.kind is RecordingEventKind.REMARK]
+        sampled_ns = np.array([wrench.stamp_ns for wrench in episode.wrenches(Topic.MEASURED)])
+    assert all(np.abs(sampled_ns - pair.time_ns).min() <= 10e6 for pair in pairs)
     stamps_ns = [event.stamp_ns for event in told if event.subject == fault.name.lower() and event.text]
     if what in ("shifts", "shifts while nothing touches", "is away and comes back with another zero", "drifts"):
         assert not [pair for pair in pairs if pair.time_ns > stamps_ns[0]]

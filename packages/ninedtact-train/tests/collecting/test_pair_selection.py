@@ -139,16 +139,17 @@ def test_a_load_is_neither_untouched_skin_nor_a_light_touch() -> None:
 
 def test_wrenches_are_interpolated_between_their_neighbours() -> None:
     history = WrenchHistory()
-    assert history.newest_ns == 0 and history.interpolate(5) is None and history.distance_ns(5) == np.inf
+    assert history.newest_ns == 0 and history.interpolate(5, S) is None
     for at_ms in (10, 20, 40):
         history.add(wrench(at_ms / 10, 0, -1, 0, 0.1 * at_ms, at_ns=at_ms * MS))
-    middle = history.interpolate(25 * MS)
+    middle = history.interpolate(25 * MS, 15 * MS)
     assert middle is not None and middle.stamp_ns == 25 * MS
     np.testing.assert_allclose(middle.six, [2.5, 0, -1, 0, 2.5, 0])
-    assert [history.distance_ns(at * MS) / MS for at in (20, 22, 35, 40)] == [0, 18, 15, 0]
-    exact = history.interpolate(20 * MS)
+    for at_ms, far_ms in ((20, 0), (22, 18), (35, 15), (40, 0)):
+        assert history.interpolate(at_ms * MS, far_ms * MS) and history.interpolate(at_ms * MS, far_ms * MS - 1) is None
+    exact = history.interpolate(20 * MS, 0)
     assert exact is not None and exact.force_n[0] == 2
-    assert history.interpolate(9 * MS) is history.interpolate(41 * MS) is None
+    assert history.interpolate(9 * MS, S) is history.interpolate(41 * MS, S) is None
     history.add(wrench(at_ns=5_010 * MS))
     assert [one.stamp_ns // MS for one in history.samples] == [10, 20, 40, 5010]
     history.add(wrench(at_ns=5_011 * MS))

@@ -1,6 +1,8 @@
 """What the tests of data sets do again and again."""
 
-from collections.abc import Sequence
+import resource
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +54,17 @@ def references_in(folder: Path) -> dict[str, np.ndarray]:
 
 def decoded(image: dict[str, Any]) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(image["bytes"], np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+@contextmanager
+def full_disk(largest_file: int) -> Iterator[None]:
+    """Files may grow to this number of bytes: what a full disk does, without one."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def listed(report: QualityReport) -> set[tuple[str, str]]:

@@ -107,6 +107,9 @@ def test_strict_is_an_exit_code_and_drop_a_remedy(
     [
         (("build", "nowhere", "--out", "out"), "nothing there"),
         (("build", "--out", "out"), "at least one source"),
+        (("build", "data", "--out", "out"), "none of them"),
+        (("build", "a=.", "a=.", "--out", "out"), "more than once"),
+        (("build", "a/b=.", "--out", "out"), "without slashes"),
         (("build", ".", "--out", "out", "--axes", "+x,+x,+x"), "each letter once"),
         (("build", ".", "--out", "out", "--axes", "+y,-x,+z", "--sensor", "."), "got --axes and --sensor"),
         (("build", ".", "--out", "out", "--licence", "do as you like"), "mit or cc-by-nc-4.0"),

@@ -20,15 +20,14 @@ from built_sets import TWINS, decoded, references_in, rows_in
 from ninedtact.bounds_and_checked_reading import mapping_checksum
 from ninedtact.errors import InputError, NinedtactError, OutputError
 from ninedtact.mechanics.indenter import Ball
+from ninedtact.recording.reader import read_folder_files
 from ninedtact_train.batched.session_requests import run_session_on_cpu
 from ninedtact_train.cli.simulate_dataset import SimulateDatasetCommand
 from ninedtact_train.collecting.training_pair_rule import PairKindShares
 from ninedtact_train.dataset.dataset_card import (
     REAL_PERCENTILES,
+    DatasetStatistics,
     compute_dataset_statistics,
-    differences_from_real_percentiles,
-    move_to_force_sensor,
-    wrench_percentiles,
 )
 from ninedtact_train.dataset.generation.generate import generate_dataset, make_simulated_sensor
 from ninedtact_train.dataset.generation.press_session import RandomPress, session_objects, session_quotas
@@ -51,10 +50,6 @@ if __name__ == "__main__":
 @pytest.fixture(scope="module")
 def rows(twins: Path) -> list[dict[str, Any]]:
     return rows_in(twins)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def test_all_pairs_are_there_in_their_shares(twins: Path, rows: list[dict[str, Any]]) -> None:
@@ -165,18 +160,15 @@ def test_a_killed_job_goes_on_with_any_number_of_workers_and_ends_with_the_same_
     (folder / "data" / ".abc.partial").write_bytes(b"half")
     assert 1 <= len(list((folder / "data").glob("train-*"))) < TWINS.files
     subprocess.run([sys.executable, "-c", MAKE, str(folder), "2"], check=True)
-    assert contents(folder) == contents(twins)
+    assert read_folder_files(folder) == read_folder_files(twins)
 
 
 def test_a_finished_one_is_left_as_it_is(twins: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in (twins / "data").iterdir()}
     assert generate_dataset(twins, TWINS).new_files == 0
-    assert {path: path.stat().st_mtime_ns for path in (twins / "data").iterdir()} == before
-
-
-def test_other_settings_are_not_mixed_in(twins: Path) -> None:
     with pytest.raises(OutputError, match=r"another seed \(seed: 5 instead of 0\)"):
         generate_dataset(twins, replace(TWINS, seed=5))
+    assert {path: path.stat().st_mtime_ns for path in (twins / "data").iterdir()} == before
 
 
 def test_another_mesh_in_the_same_file_is_another_data_set(tmp_path: Path) -> None:
@@ -275,8 +267,8 @@ def test_a_design_of_its_own_is_pressed_seen_and_written_down(
 
 def test_torques_move_to_the_paper_s_sensor() -> None:
     """T_y ≈ +0.033 m F_x and T_x ≈ −0.037 m F_y: FACTS, from the real wrenches."""
-    moved = move_to_force_sensor(np.array([[1.0, 2.0, -7.0, 0.0, 0.0, 0.001]]))
-    assert moved[0] == pytest.approx([1, 2, -7, -0.07, 0.035, 0.001])
+    moved = DatasetStatistics({}, {}, {}, np.array([[1.0, 2.0, -7.0, 0.0, 0.0, 0.001]])).percentiles
+    assert moved[:, 1] == pytest.approx([1, 2, -7, -0.07, 0.035, 0.001])
 
 
 def test_the_real_percentiles_are_those_of_the_real_wrenches(real_data: Path) -> None:
@@ -285,4 +277,4 @@ def test_the_real_percentiles_are_those_of_the_real_wrenches(real_data: Path) ->
     assert found == pytest.approx(REAL_PERCENTILES, rel=5e-3, abs=5e-5)
     back = six.copy()
     back[:, 3:] -= np.cross([0, 0, 0.035], six[:, :3])
-    assert np.abs(differences_from_real_percentiles(wrench_percentiles(back))).max() < 0.01
+    assert np.abs(DatasetStatistics({}, {}, {}, back).differences_from_real_percentiles).max() < 0.01

@@ -2,7 +2,6 @@
 
 import doctest
 import os
-import resource
 import shutil
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from built_sets import built_from, decoded, references_in, rows_in
+from built_sets import built_from, decoded, full_disk, references_in, rows_in
 from little_sources import LittleTree
 
 import ninedtact_train.dataset
@@ -19,6 +18,7 @@ from ninedtact.atomic_write import FileNotWritten
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact_train.dataset.calibrated_readings import iterate_rows_with_references
+from ninedtact_train.dataset.folder import find_pair_files
 from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.reader import load_dataset
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
@@ -37,10 +37,6 @@ def test_the_example_of_load_dataset_runs(folder: Path, monkeypatch: pytest.Monk
     (example,) = doctest.DocTestFinder().find(load_dataset, "load_dataset", globs={})
     assert len(example.examples) > 4
     assert doctest.DocTestRunner().run(example).failed == 0
-
-
-def test_the_package_hands_out_its_public_names() -> None:
-    assert ninedtact_train.dataset.load_dataset is load_dataset
     assert all(getattr(ninedtact_train.dataset, name) for name in ninedtact_train.dataset.__all__)
 
 
@@ -57,29 +53,35 @@ def test_rows_are_those_of_the_files(folder: Path) -> None:
     assert np.array_equal(pairs.wrenches, np.array([row["wrench"] for row in rows], np.float32))
     for name, column in (("object", "object"), ("contact", "contact_id"), ("sensor", "sensor"), ("kind", "kind")):
         assert list(getattr(pairs, f"{name}s")) == [row[column] for row in rows]
+        assert name == "kind" or list(getattr(pairs.to_split_pairs(), f"{name}s")) == [row[column] for row in rows]
     assert list(pairs.times_ns) == [row["time_ns"] for row in rows]
-    assert len(set(pairs.ids)) == 18
+    assert pairs.to_split_pairs().ids == list(pairs.ids) and len(set(pairs.ids)) == 18
     batch = pairs.batch(np.array([17, 3, 3]))
     for image, reference, at in zip(batch.images, batch.references, batch.indices, strict=True):
         assert np.array_equal(image, decoded(rows[at]["image"]))
         assert np.array_equal(reference, untouched[rows[at]["reference_id"]])
     assert np.array_equal(batch.wrenches, pairs.wrenches[[17, 3, 3]])
+    batch.images[:] = 7  # a copy
+    assert (pairs.images(np.array([17, 3, 3])) != 7).any() and not pairs.decoded.images.flags.writeable
 
 
 def test_one_of_every_ten_pairs_keeps_the_shares_of_their_kinds(tmp_path: Path) -> None:
     png = cv2.imencode(".png", np.full((16, 16), 140, np.uint8))[1].tobytes()
     write_reference_images_file(tmp_path / "references.parquet", [ReferenceImage("a/0", png, "a")])
-    kinds = ["no_contact" if number % 50 == 0 else "rule" for number in range(1000)]
+    objects = ["none" if number % 50 == 0 else "ball" for number in range(1000)]
     rows = [
-        DatasetRow(*(f"{number}", png, "a/0", np.zeros(6, np.float32), "ball", f"c{number}", 0, None, "a", kind, None))
-        for number, kind in enumerate(kinds)
+        DatasetRow(*(f"{number}", png, "a/0", np.zeros(6, np.float32), name, f"c{number}", 0, None, "a", "rule", None))
+        for number, name in enumerate(objects)
     ]
     (tmp_path / "data").mkdir()
     write_pair_file(tmp_path / "data" / "train-00000-of-00001.parquet", rows)
-    chosen = [[row for group in iterate_rows_with_references(tmp_path, 10) for row in group.rows] for _ in range(2)]
+    chosen = [
+        [row for group in iterate_rows_with_references(find_pair_files(tmp_path), 10) for row in group.rows]
+        for _ in range(2)
+    ]
     assert chosen[0] == chosen[1] and len(chosen[0]) == 100
-    assert sum(row["kind"] == "no_contact" for row in chosen[0]) < 7, "2 % of all, though each session begins with one"
-    assert sum(len(group.rows) for group in iterate_rows_with_references(tmp_path)) == 1000
+    assert sum(row["object"] == "none" for row in chosen[0]) < 7, "2 % of all, though each session begins with one"
+    assert sum(len(group.rows) for group in iterate_rows_with_references(find_pair_files(tmp_path))) == 1000
 
 
 def test_images_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None:
@@ -136,21 +138,6 @@ def test_batches_hold_every_pair_once(folder: Path) -> None:
     assert [batch.indices[0] for batch in pairs.batches(5)] == [0, 5, 10, 15]
 
 
-def test_splits_go_by_its_names(folder: Path) -> None:
-    pairs = load_dataset(folder, size=(32, 24))
-    named = pairs.to_split_pairs()
-    assert named.ids == list(pairs.ids)
-    assert list(named.column("objects")) == list(pairs.objects)
-    assert list(named.column("contacts")) == list(pairs.contacts)
-
-
-def test_what_is_handed_out_is_a_copy(folder: Path) -> None:
-    pairs = load_dataset(folder, size=(32, 24))
-    pairs.images(np.array([0]))[:] = 7
-    assert (pairs.images(np.array([0])) != 7).any()
-    assert not pairs.decoded.images.flags.writeable
-
-
 def test_images_are_decoded_once_and_again_where_the_files_changed(folder: Path) -> None:
     def cached() -> tuple[Path, int]:
         (images,) = (folder / "cache").glob("32x24-*/images.npy")
@@ -199,13 +186,8 @@ def test_what_a_killed_process_left_is_removed(folder: Path) -> None:
 
 
 def test_a_full_disk_is_one_sentence_and_nothing_half(folder: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, before[1]))
-    try:
-        with pytest.raises(FileNotWritten, match="free the disk"):
-            load_dataset(folder, size=(32, 24))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with full_disk(4000), pytest.raises(FileNotWritten, match="free the disk"):
+        load_dataset(folder, size=(32, 24))
     assert [path.name for path in (folder / "cache").rglob("*") if path.is_file()] == ["files.json"]
     assert len(load_dataset(folder, size=(32, 24))) == 18
 

@@ -82,29 +82,21 @@ def test_honest_errors_cover_what_they_say_and_small_ones_less(distribution: Err
         size=truth.shape
     )
     off = std * shaped / (1 if distribution is ErrorDistribution.GAUSSIAN else np.sqrt(2))
-    found = {
-        one.share: one.covered
-        for one in evaluate_predictions(WrenchPredictions(truth, truth + off, std, distribution)).coverage
-    }
+    found = evaluate_predictions(WrenchPredictions(truth, truth + off, std, distribution)).coverage
     assert found[0.5] == pytest.approx(0.5, abs=0.015) and found[0.9] == pytest.approx(0.9, abs=0.01)
     halved = evaluate_predictions(WrenchPredictions(truth, truth + off, std / 2, distribution)).coverage
-    assert all((one.covered < one.share - 0.1).all() for one in halved)
+    assert all((covered < share - 0.1).all() for share, covered in halved.items())
     other = next(one for one in ErrorDistribution if one is not distribution)
-    assert (
-        abs(evaluate_predictions(WrenchPredictions(truth, truth + off, std, other)).coverage[0].covered - 0.5).min()
-        > 0.05
-    )
+    wrong = evaluate_predictions(WrenchPredictions(truth, truth + off, std, other)).coverage
+    assert abs(wrong[0.5] - 0.5).min() > 0.05
 
 
 def test_errors_without_end_cover_all_and_exact_zeros_do_not_flatter() -> None:
     truth = np.concatenate([np.zeros((100, 6)), wrenches(100)])
     predicted = np.concatenate([np.zeros((100, 6)), wrenches(100, seed=1)])
-    assert all(
-        (one.covered == 1).all()
-        for one in evaluate_predictions(WrenchPredictions(truth, predicted, np.full((200, 6), np.inf))).coverage
-    )
-    narrow = evaluate_predictions(WrenchPredictions(truth, predicted, np.full((200, 6), 1e-9))).coverage
-    assert all((one.covered == 0).all() for one in narrow)
+    for std, share in ((np.inf, 1), (1e-9, 0)):
+        coverage = evaluate_predictions(WrenchPredictions(truth, predicted, np.full((200, 6), std))).coverage
+        assert all((covered == share).all() for covered in coverage.values())
 
 
 def test_pairs_without_a_claimed_error_do_not_count_in_the_coverage_of_the_others() -> None:
@@ -112,12 +104,9 @@ def test_pairs_without_a_claimed_error_do_not_count_in_the_coverage_of_the_other
     whole = WrenchPredictions(truth, predicted, std)
     some = replace(whole, std=np.where(np.arange(200)[:, None] < 150, std, np.nan))
     some.std[:, 5] = np.nan
-    for found, alone in zip(
-        evaluate_predictions(some).coverage,
-        evaluate_predictions(whole.select([True] * 150 + [False] * 50)).coverage,
-        strict=True,
-    ):
-        np.testing.assert_array_equal(found.covered, [*alone.covered[:5], np.nan])
+    alone = evaluate_predictions(whole.select([True] * 150 + [False] * 50)).coverage
+    for share, covered in evaluate_predictions(some).coverage.items():
+        np.testing.assert_array_equal(covered, [*alone[share][:5], np.nan])
 
 
 def test_parts_make_up_the_whole_and_an_untouched_skin_is_apart() -> None:
@@ -152,8 +141,7 @@ def test_pairs_without_contact_are_known_by_their_object_where_a_sensor_measured
     found = evaluate_predictions(WrenchPredictions(noisy, predicted, 0.1 * np.abs(truth) + 1e-3, objects=names))
     assert found.no_contact == exact.no_contact and found.no_contact is not None and found.no_contact.pairs == 30
     assert [(part.name, part.pairs) for part in found.by_load] == [(part.name, part.pairs) for part in exact.by_load]
-    for one, other in zip(found.coverage, exact.coverage, strict=True):
-        np.testing.assert_array_equal(one.covered, other.covered)
+    np.testing.assert_array_equal([*found.coverage.values()], [*exact.coverage.values()])
 
 
 def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() -> None:
@@ -164,11 +152,10 @@ def test_torques_move_as_a_wrench_does_and_mixed_errors_are_claimed_no_longer() 
         for before, after in zip(six, there, strict=True):
             wrench = Wrench(before[:3], before[3:], np.array([0.0, 0, -35]))
             assert after == pytest.approx(wrench.about(np.zeros(3)).six)
-    covered = evaluate_predictions(moved).coverage[0].covered
+    covered = evaluate_predictions(moved).coverage[0.5]
     assert np.isnan(covered).tolist() == [False] * 3 + [True, True, False]
-    assert evaluate_predictions(given_about.about((0.0, 0.0, -35.0))).coverage[0].covered.tolist() == pytest.approx(
-        evaluate_predictions(given_about).coverage[0].covered.tolist()
-    )
+    there, before = (evaluate_predictions(one) for one in (given_about.about((0.0, 0.0, -35.0)), given_about))
+    np.testing.assert_allclose(there.coverage[0.5], before.coverage[0.5])
     with pytest.raises(FileFormatError, match=r"name it .--predictions-about-mm"):
         replace(given_about, about_mm=None).about((0.0, 0.0, 0.0))
     with pytest.raises(FileFormatError, match=r"finite numbers, got .*nan"):

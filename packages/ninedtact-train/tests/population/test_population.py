@@ -21,14 +21,12 @@ from ninedtact.simulation.gel_brightness import (
 )
 from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.population.real_sensor_twins import REAL_FITS
-from ninedtact_train.population.rectified_renderer import (
-    misaligned_pixel_positions_mm,
-    raw_pixels_seeing,
-    rectified_renderer,
-)
 from ninedtact_train.population.sensor_population import (
     CalibrationMisalignment,
     SampledSensor,
+    misaligned_pixel_positions_mm,
+    raw_pixels_seeing,
+    rectified_renderer,
     sample_sensor,
     sampled_sensor_from_json,
 )

@@ -33,16 +33,13 @@ from ninedtact.force.onnx_model import read_force_model
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact_train.dataset.calibrated_readings import DatasetSensorCalibration, iterate_rows_with_references
+from ninedtact_train.dataset.folder import find_pair_files
 from ninedtact_train.dataset.height_cache import load_height_pairs
 from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
 from ninedtact_train.population.sensor_population import sample_sensor
 from ninedtact_train.training.settings import DEFAULT_TRAINING
-from ninedtact_train.workflows.dataset_calibrations import (
-    DatasetSensors,
-    calibrate_simulated_sensors,
-    load_dataset_sensors,
-)
+from ninedtact_train.workflows.dataset_calibrations import load_dataset_sensors
 from ninedtact_train.workflows.dataset_evaluation import DatasetEvaluationSettings, predict_dataset
 from ninedtact_train.workflows.dataset_training import match_input_width_to_dataset, read_training_examples
 
@@ -142,7 +139,7 @@ def test_heights_are_those_of_the_live_path(
 def test_an_image_of_unknown_scale_has_that_of_its_calibration(
     folder: Path, calibrated: dict[str, DatasetSensorCalibration], twin_sensor: SensorFolder
 ) -> None:
-    (group, *_) = iterate_rows_with_references(folder)
+    (group, *_) = iterate_rows_with_references(find_pair_files(folder))
     unknown = replace(group, rows=[{**group.rows[0], "mm_per_px": None}])
     (pair,) = unknown.readings(calibrated)
     assert pair.reading.height.mm_per_px == twin_sensor.rectification.mm_per_px != 24 / 460
@@ -152,17 +149,6 @@ def test_a_sensor_folder_that_a_killed_process_left_is_none(folder: Path, sensor
     given = shutil.copytree(sensors, tmp_path / "sensors")
     shutil.copytree(given / "a", given / ".b.1a2b3c4d.partial")
     assert set(load_dataset_sensors(folder, given, 1, progress=False).by_name) == {"a", "b"}
-
-
-def test_a_damaged_cache_of_heights_is_computed_again(
-    folder: Path, calibrated: dict[str, DatasetSensorCalibration], tmp_path: Path
-) -> None:
-    pairs = load_height_pairs(folder, calibrated, GRID.grid, tmp_path)
-    files = list(tmp_path.glob("heights-*/*.npy"))
-    assert len(files) == 2
-    for cached in files:
-        cached.write_bytes(cached.read_bytes()[:-200])
-    np.testing.assert_array_equal(pairs.z_mm, load_height_pairs(folder, calibrated, GRID.grid, tmp_path).z_mm)
 
 
 def test_an_image_that_no_press_can_cause_is_reported_and_its_predictions_can_be_read_again(
@@ -232,7 +218,7 @@ def test_a_model_of_a_real_sensor_returns_the_forces_that_were_measured(
         np.testing.assert_allclose(wrench * moduli[of] / Gel().shear_modulus_mpa, measured, rtol=1e-6)
 
 
-def test_a_reading_that_was_stopped_goes_on(
+def test_a_reading_that_was_stopped_goes_on_and_a_damaged_cache_is_computed_again(
     folder: Path, calibrated: dict[str, DatasetSensorCalibration], tmp_path: Path
 ) -> None:
     whole = load_height_pairs(folder, calibrated, GRID.grid, tmp_path)
@@ -242,6 +228,9 @@ def test_a_reading_that_was_stopped_goes_on(
     again = load_height_pairs(folder, calibrated, GRID.grid, tmp_path)
     assert second.is_file() and first.stat().st_mtime_ns == read_at_ns
     np.testing.assert_array_equal(again.z_mm, whole.z_mm)
+    for cached in (first, second):
+        cached.write_bytes(cached.read_bytes()[:-200])
+    np.testing.assert_array_equal(whole.z_mm, load_height_pairs(folder, calibrated, GRID.grid, tmp_path).z_mm)
 
 
 def told(capsys: pytest.CaptureFixture[str], arguments: Sequence[str]) -> str:
@@ -293,7 +282,7 @@ def test_edited_calibrations_and_those_of_another_sensor_are_told(
     greys = {name: np.rint(rectify(Frame(image)).grey).astype(np.uint8) for name, image in shown.items()}
     references = [ReferenceImage(f"{name}/0", png(grey), name) for name, grey in greys.items()]
     write_reference_images_file(data / "references.parquet", references)
-    (of_b,) = load_dataset_sensors(data, given, 1, progress=False).notices()
+    (of_b,) = load_dataset_sensors(data, given, 1, progress=False).notices
     assert of_b.startswith(
         f"the reference images of b in {data} are not of the sensor in {given / 'b'}; another sensor's"
     )
@@ -327,7 +316,7 @@ def test_pairs_of_a_twin_that_could_not_be_calibrated_are_left_out(
 
 
 def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    twin_sensor: SensorFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried: list[str] = []
 
@@ -336,12 +325,15 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
         raise NinedtactError("expected a ball, got none; press one")
 
     monkeypatch.setattr("ninedtact_train.workflows.dataset_calibrations.calibrate", refuse)
-    twins = {"one": replace(sample_sensor(0), name="one")}
+    twins = [replace(sample_sensor(0), name=name).to_json_dict() for name in ("one", "two")]
+    (tmp_path / "sensors.json").write_text(json.dumps(twins))
+    shutil.copytree(twin_sensor.path, tmp_path / "sensors" / "two")
     for _ in range(2):
-        refused = calibrate_simulated_sensors(twins, tmp_path, workers=1, progress=False)
-    assert tried == ["one"] and refused == {"one": "expected a ball, got none; press one"}
-    (notice,) = DatasetSensors({}, refused).notices()
-    assert "pairs of one are left out" in notice
+        found = load_dataset_sensors(tmp_path, None, 1, progress=False)
+    assert tried == ["one"] and list(found.by_name) == ["two"]
+    assert found.notices == (
+        "pairs of one are left out, it could not be calibrated: expected a ball, got none; press one",
+    )
 
 
 def test_missing_files_are_refused_before_torch_is_imported(tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def test_the_graph_answers_as_the_network_does(trained: TrainingResult) -> None:
 
 
 def test_its_intervals_cover_what_they_claim_where_they_were_set_right(trained: TrainingResult) -> None:
-    half, most = (found.covered for found in trained.evaluation.coverage)
+    half, most = trained.evaluation.coverage.values()
     assert np.abs(half - 0.5).max() < 0.15 and np.abs(most - 0.9).max() < 0.1
 
 
@@ -244,7 +244,7 @@ def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) ->
     run(learner, tmp_path, examples)
     evaluation = TrainedNetwork(learner.model.eval(), examples, ROWS, settings).evaluate_held_out()
     np.testing.assert_allclose(evaluation.predictions.truth, of_images().wrench[ROWS.test], atol=1e-6)
-    assert evaluation.coverage == () and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
+    assert not evaluation.coverage and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
 
 
 def test_settings_that_train_nothing_are_refused() -> None:

@@ -14,7 +14,7 @@ from ninedtact.quantities import Frame, skin_grid_mm
 from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import Twin, default_twin
-from ninedtact_train.population.rectified_renderer import interpolate_image
+from ninedtact_train.population.sensor_population import interpolate_image
 
 NEARNESS, IMPRINT_MM = 0.05, 0.85
 LIGHT = BrightnessModel(

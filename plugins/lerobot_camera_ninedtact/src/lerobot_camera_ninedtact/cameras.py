@@ -102,13 +102,11 @@ class _NinedtactCamera(Camera):
         return self._stream
 
     def _image(self, accepts: Any, timeout_s: float) -> NDArray[np.uint8]:
-        """Return the image of the newest reading once it is accepted."""
         found = self._require_stream().wait_for(accepts, timeout_s)
         self._consumed = found.number
         return self._to_lerobot(found)
 
     def _to_lerobot(self, found: NumberedReading) -> NDArray[np.uint8]:
-        """Return a reading's image with three equal channels, in the configured size."""
         grey = np.clip(np.rint(self.grey_image(found.reading)), 0, 255).astype(np.uint8)
         size = (self.width or grey.shape[1], self.height or grey.shape[0])
         if size != grey.shape[::-1]:

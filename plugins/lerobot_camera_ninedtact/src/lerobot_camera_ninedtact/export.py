@@ -57,8 +57,6 @@ def export_lerobot(
 
 @dataclass(frozen=True)
 class _EpisodeKind:
-    """What the episodes of one data set have in common."""
-
     image_shape: tuple[int, ...]
     wrenches: tuple[str, ...]
     """The features of the wrenches that the recording holds."""
@@ -89,7 +87,6 @@ class _EpisodeKind:
 
 
 def _common_kind(recordings: Sequence[Recording]) -> _EpisodeKind:
-    """Return what all recordings have in common; raises `InputError`."""
     if not recordings:
         raise InputError(expected="at least one recording", got="none", remedy="give one")
     kinds = [_EpisodeKind.of_recording(recording) for recording in recordings]
@@ -106,7 +103,6 @@ def _common_kind(recordings: Sequence[Recording]) -> _EpisodeKind:
 
 
 def _rows(recording: Recording, kind: _EpisodeKind) -> Iterator[dict[str, Any]]:
-    """Yield the features of every image; the images are RGB."""
     stamps_ns = recording.stamps_ns(Topic.IMAGES)
     columns = {TIME: ((stamps_ns - stamps_ns[0]) / 1e9)[:, None]}
     if MEASURED in kind.wrenches:

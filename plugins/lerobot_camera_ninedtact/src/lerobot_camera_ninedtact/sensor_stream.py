@@ -88,7 +88,6 @@ class SensorStream:
             return self._latest
 
     def _read_until_closed(self) -> None:
-        """Publish every reading until the sensor is closed or lost."""
         try:
             while not self._closing:
                 reading = self.sensor.read()

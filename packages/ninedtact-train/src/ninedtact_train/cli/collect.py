@@ -121,7 +121,6 @@ class CollectTerminalDisplay:
 
 
 def _terminal_columns() -> int:
-    """Return the width of the terminal that shows standard error."""
     try:
         return os.get_terminal_size(sys.stderr.fileno()).columns or _USUAL_COLUMNS
     except (OSError, ValueError):
@@ -218,7 +217,6 @@ class Collect:
     def _setup(
         self, folder: "SensorFolder", checks: "SampleCheckSettings", screen: CollectTerminalDisplay
     ) -> "CollectSetup":
-        """Return the camera and the force/torque sensor that were named, not yet opened."""
         from ninedtact.capture.force_torque.wrench_source_from_address import force_torque_sensor_for
         from ninedtact_train.collecting.collection_sources import (
             build_simulated_collect_setup,
@@ -254,7 +252,6 @@ class Collect:
     def _collect(
         self, folder: "SensorFolder", setup: "CollectSetup", camera_delay_ms: float, screen: CollectTerminalDisplay
     ) -> "Collector":
-        """Collect until the end and return the collector, its recording closed."""
         from ninedtact.recording.recorder import notify_partial_recording
         from ninedtact_train.collecting.collector import collect_pairs
 

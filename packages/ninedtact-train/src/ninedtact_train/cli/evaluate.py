@@ -60,7 +60,6 @@ class Evaluate:
         return print_result(self.json, {**evaluation.to_json_dict(), "files": files}, lines)
 
     def _load_predictions(self) -> "WrenchPredictions":
-        """Return the predictions of the file or of the estimator; raises `InputError`, `FileFormatError`."""
         if self.data is not None:
             return self._predict(self.data)
         if self.predictions is None:

@@ -59,15 +59,18 @@ def _print_beside_progress_bar(sentence: str) -> None:
 
 
 def _generation_to_json_dict(result: "GenerationResult") -> dict[str, object]:
+    from ninedtact.quantities import WRENCH_AXES
+
     statistics = result.statistics
+    compared = ("percentiles", "differences_from_real_percentiles")
+    tables = {name: dict(zip(WRENCH_AXES, getattr(statistics, name).tolist(), strict=True)) for name in compared}
     return {
         "folder": str(result.folder),
         "pairs": statistics.pairs,
         "kinds": statistics.kinds,
         "new_files": result.new_files,
         "device": result.device,
-        "percentiles": statistics.percentiles,
-        "differences_from_real_percentiles": statistics.differences_from_real_percentiles,
+        **tables,
     }
 
 

@@ -1,4 +1,5 @@
-"""The setup of a collection: its camera and its force/torque sensor, from devices, from recordings, or from a simulated sensor.
+"""The setup of a collection: its camera and its force/torque sensor, from devices, from recordings, or from a simulated sensor,
+and their images and samples in one stream.
 
 The simulated sensor is pressed by a script, which takes one object after the other and presses, drags, twists and tilts it a few
 times.
@@ -15,14 +16,15 @@ import numpy as np
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource, SampleCheckSettings
 from ninedtact.capture.force_torque.wrench_source_from_address import DeviceFrameWrenchSource, MountedWrenchSource
-from ninedtact.capture.frame_source import FrameSource
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.reconnecting import ReconnectingWrenchSource
-from ninedtact.capture.wrench_source import WrenchSource
+from ninedtact.capture.wrench_source import WrenchSampleRejected, WrenchSource
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Frame
+from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.background_reader import STALL_S, Arrival, BackgroundReader
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.simulation.objects.catalogue import indenter_from_name
@@ -37,7 +39,6 @@ from ninedtact.simulation.trajectory import (
     press_trajectory,
 )
 from ninedtact.simulation.twin import Twin
-from ninedtact_train.collecting.merge_streams import MergedArrival, merge_live_streams, merge_recorded_streams
 
 _DEFAULT_OBJECTS = ("ball:4", "cylinder:3,11", "ring_02", "letter_03", "key_01")
 _UNTOUCHED_S = 1.5
@@ -50,6 +51,14 @@ _IMAGE_HZ, _SAMPLE_HZ = 20.0, 200.0
 _SPEED = 1.5
 """Speed of the scripted presses relative to that of a calm hand."""
 _OFFSET_MM, _DRAG_MM, _TWIST_DEG, _TILT_DEG = 3.0, 0.9, 15.0, 4.0
+
+_READ_AHEAD_NS = 300_000_000
+"""Time by which samples are read ahead of the newest frame before the next frame is read."""
+_BUFFERED_IMAGES, _BUFFERED_SAMPLES = 128, 100_000
+_WAIT_S = 0.02
+
+MergedArrival = Arrival[Frame | Wrench | WrenchSampleRejected] | None
+"""An arrival, or None where nothing arrived for a moment."""
 
 
 @dataclass(frozen=True)
@@ -170,3 +179,61 @@ def _random_touch(twin: Twin, indenter: Indenter, rng: np.random.Generator) -> T
     pose = Pose(float(x), float(y), depth_mm, radians(rng.uniform(-180, 180)))
     twist = radians(rng.uniform(-_TWIST_DEG, _TWIST_DEG))
     return press_trajectory(pose, (float(drag_x), float(drag_y)), twist, tilt, _PAUSE_S, _SPEED)
+
+
+def merge_live_streams(
+    camera: FrameSource,
+    force_torque: WrenchSource,
+    on_stall: Callable[[str], None] = lambda sentence: None,
+    stall_s: float = STALL_S,
+) -> Generator[MergedArrival, None, None]:
+    """Yield what two devices deliver, each read in its own thread; raises what they raise, ends with a recording.
+
+    on_stall: called with a sentence each time that a device has delivered nothing for `stall_s`.
+    """
+    with (
+        BackgroundReader[Wrench](
+            force_torque, _BUFFERED_SAMPLES, WrenchSampleRejected, on_stall=on_stall, stall_s=stall_s
+        ) as samples,
+        BackgroundReader[Frame](camera, _BUFFERED_IMAGES, on_stall=on_stall, stall_s=stall_s) as images,
+    ):
+        try:
+            while True:
+                while (sample := samples.take()) is not None:
+                    yield sample
+                yield images.take(_WAIT_S)
+        except SourceEnded:
+            return
+
+
+def merge_recorded_streams(camera: FrameSource, force_torque: WrenchSource) -> Generator[MergedArrival, None, None]:
+    """Yield every frame and every sample in the order of their stamps, as fast as they are requested, until one source ends.
+
+    Samples are read ahead, so that frames follow the last sample, up to its stamp.
+    """
+    newest_ns, has_samples = 0, True
+    with force_torque, camera:
+        try:
+            while True:
+                frame = camera.read()
+                if not has_samples and frame.stamp_ns > newest_ns:
+                    return
+                yield Arrival(frame, frame.stamp_ns)
+                while has_samples and newest_ns < frame.stamp_ns + _READ_AHEAD_NS:
+                    if (sample := _read_sample(force_torque)) is None:
+                        has_samples = False
+                        break
+                    newest_ns = max(newest_ns, sample.stamp_ns if isinstance(sample, Wrench) else 0)
+                    yield Arrival(sample, newest_ns)
+        except SourceEnded:
+            return
+
+
+def _read_sample(force_torque: WrenchSource) -> Wrench | WrenchSampleRejected | None:
+    """Return the next sample, or the reason for its rejection; None after the last one."""
+    try:
+        return force_torque.read()
+    except WrenchSampleRejected as reason:
+        return reason
+    except SourceEnded:
+        return None

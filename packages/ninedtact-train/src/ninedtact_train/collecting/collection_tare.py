@@ -87,29 +87,22 @@ class TareInProgress:
 
     def finish(self) -> TareResult | None:
         """Return the tare when there are enough samples at rest, else None; start over if something moved."""
-        if not self._has_enough:
+        duration_ns = self.wrenches[-1].stamp_ns - self.wrenches[0].stamp_ns if self.wrenches else 0
+        if len(self.frames) < self.settings.reference_images or duration_ns < self.settings.tare.seconds * 1e9:
             return None
         try:
-            tare = self._compute()
+            zero = compute_tare(self.wrenches, self.settings.tare).mean
         except TareRefused as refusal:
             self.advice = str(refusal)
         else:
+            detector = ReferenceImageDifference([frame.image for frame in self.frames])
+            tare = TareResult(self.number, tuple(self.frames), zero, detector)
             self.advice = self._objection(tare)
             if not self.advice:
                 return tare
         self.frames.clear()
         self.wrenches.clear()
         return None
-
-    @property
-    def _has_enough(self) -> bool:
-        duration_ns = self.wrenches[-1].stamp_ns - self.wrenches[0].stamp_ns if self.wrenches else 0
-        return len(self.frames) >= self.settings.reference_images and duration_ns >= self.settings.tare.seconds * 1e9
-
-    def _compute(self) -> TareResult:
-        zero = compute_tare(self.wrenches, self.settings.tare).mean
-        detector = ReferenceImageDifference([frame.image for frame in self.frames])
-        return TareResult(self.number, tuple(self.frames), zero, detector)
 
     def _objection(self, tare: TareResult) -> str:
         """Return why this cannot be a tare without contact; empty if it can."""

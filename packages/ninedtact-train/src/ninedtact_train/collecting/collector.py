@@ -27,9 +27,8 @@ from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import FindReferenceFaults
-from ninedtact_train.collecting.collection_sources import CollectSetup
+from ninedtact_train.collecting.collection_sources import CollectSetup, MergedArrival
 from ninedtact_train.collecting.collection_tare import TareInProgress, TareResult
-from ninedtact_train.collecting.merge_streams import MergedArrival
 from ninedtact_train.collecting.pair_selection import (
     CollectSettings,
     ImageWrenchCandidate,
@@ -68,28 +67,18 @@ class WrenchHistory:
         """Stamp of the newest sample, 0 before the first."""
         return self.samples[-1].stamp_ns if self.samples else 0
 
-    def distance_ns(self, at_ns: int) -> float:
-        """Return the time to the farther of the two neighbouring samples; infinite where one is missing."""
-        before, after = self._neighbours(at_ns)
-        if before is None or after is None:
-            return np.inf
-        return max(at_ns - before.stamp_ns, after.stamp_ns - at_ns)
-
-    def interpolate(self, at_ns: int) -> Wrench | None:
-        """Return the wrench at this time, linear between the neighbouring samples; None where one is missing."""
-        before, after = self._neighbours(at_ns)
-        if before is None or after is None:
+    def interpolate(self, at_ns: int, within_ns: int) -> Wrench | None:
+        """Return the wrench at this time, linear between the neighbouring samples; None where one is missing or farther away."""
+        place = bisect_left(self.samples, at_ns, key=lambda wrench: wrench.stamp_ns)
+        if place == len(self.samples):
+            return None
+        after = self.samples[place]
+        before = after if after.stamp_ns == at_ns or place == 0 else self.samples[place - 1]
+        if not at_ns - within_ns <= before.stamp_ns <= at_ns or after.stamp_ns > at_ns + within_ns:
             return None
         part = (at_ns - before.stamp_ns) / max(after.stamp_ns - before.stamp_ns, 1)
         force_n, torque_nm = ((1 - part) * before.six + part * after.six).reshape(2, 3)
         return Wrench(force_n, torque_nm, stamp_ns=at_ns)
-
-    def _neighbours(self, at_ns: int) -> tuple[Wrench | None, Wrench | None]:
-        after = bisect_left(self.samples, at_ns, key=lambda wrench: wrench.stamp_ns)
-        if after < len(self.samples) and self.samples[after].stamp_ns == at_ns:
-            return self.samples[after], self.samples[after]
-        before = self.samples[after - 1] if after > 0 else None
-        return before, self.samples[after] if after < len(self.samples) else None
 
 
 def _numbered_objects() -> Iterator[str]:
@@ -254,8 +243,13 @@ class Collector:
         if name != self._decided_object:
             self._decided_object = name
             self.selector.begin_contact()
-        at_ns = self._exposed_ns(frame)
-        fault, wrench = self._fault_at(at_ns), self._history.interpolate(at_ns)
+        at_ns, tolerance_ns = self._exposed_ns(frame), int(self.settings.tolerance_ms * 1e6)
+        wrench = self._history.interpolate(at_ns, tolerance_ns)
+        fault = self.sample_faults.fault_between(at_ns - tolerance_ns, at_ns + tolerance_ns)
+        if not all(clock.is_within_tolerance for clock in self.clocks):
+            fault = SampleFault.CLOCK
+        elif fault is None and wrench is None:
+            fault = SampleFault.UNPAIRED
         if wrench is not None and fault in (None, SampleFault.SHIFTED):
             change_levels = self.reference.detector.change_levels(frame.image)
             self.newest = ImageWrenchCandidate(frame, self.reference.remove_zero(wrench), change_levels)
@@ -263,14 +257,6 @@ class Collector:
             if fault is None:
                 self._save(self.newest)
         self._report(fault)
-
-    def _fault_at(self, at_ns: int) -> SampleFault | None:
-        if not all(clock.is_within_tolerance for clock in self.clocks):
-            return SampleFault.CLOCK
-        tolerance_ns = int(self.settings.tolerance_ms * 1e6)
-        if fault := self.sample_faults.fault_between(at_ns - tolerance_ns, at_ns + tolerance_ns):
-            return fault
-        return SampleFault.UNPAIRED if self._history.distance_ns(at_ns) > tolerance_ns else None
 
     def _fault_of_zero(self, candidate: ImageWrenchCandidate, fault: SampleFault | None) -> SampleFault | None:
         if self.zero_drift.check(candidate):

@@ -99,7 +99,9 @@ class SamplingRule:
         """Return whether to keep this wrench; its torque may be about any point of the sensor's axis."""
         touching = bool(wrench.force_n[2] < self.settings.contact_below_n)
         if touching and not self.touching:
-            self._begin_contact()
+            self.kept_wrenches.clear()
+            self.contact_count += 1
+            self.first_below_n = float(self.rng.uniform(*self.settings.first_below_n))
         self.touching = touching
         if not touching or not self._is_new(wrench):
             return False
@@ -109,11 +111,6 @@ class SamplingRule:
     def end_contact(self) -> None:
         """End the current contact: the object left the skin, even if no wrench has shown it."""
         self.touching = False
-
-    def _begin_contact(self) -> None:
-        self.kept_wrenches.clear()
-        self.contact_count += 1
-        self.first_below_n = float(self.rng.uniform(*self.settings.first_below_n))
 
     def _is_new(self, wrench: Wrench) -> bool:
         """Return whether the wrench is far enough from all that were kept in this contact."""

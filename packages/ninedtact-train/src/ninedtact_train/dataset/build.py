@@ -9,7 +9,7 @@ with the same arguments: it makes the parts that are missing and ends with the s
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -32,7 +32,6 @@ from ninedtact_train.dataset.dataset_card import (
     require_licence_name,
 )
 from ninedtact_train.dataset.fault_report import (
-    PairFault,
     PairFinding,
     QualityReport,
     read_quality_report,
@@ -59,8 +58,8 @@ from ninedtact_train.dataset.parquet_files import (
     write_pair_file,
     write_reference_images_file,
 )
-from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem
-from ninedtact_train.dataset.sources.source import Source, SourcePart
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
+from ninedtact_train.dataset.sources.source import Source
 
 _PARTS_FOLDER = "parts"
 _Value = TypeVar("_Value")
@@ -115,7 +114,6 @@ def build_dataset(
 
 
 def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[str, Any]:
-    """Return plain values by which a stopped build is recognised."""
     described = {
         f"source {source.name}": escape_invalid_utf8(
             f"{source.description}, {source.path.resolve()}, {source.fingerprint()}, {source.conventions}"
@@ -128,11 +126,10 @@ def _identify_build(sources: Sequence[Source], settings: BuildSettings) -> dict[
 def _make_parts(
     folder: Path, sources: Sequence[Source], settings: BuildSettings, workers: Workers, progress: bool
 ) -> list["_PartFiles"]:
-    """Make the parts that no earlier run made, in any order; return the files of all parts."""
     from tqdm import tqdm
 
     make_folder(folder)
-    parts = [(part, _source_paths(source)) for source in sources for part in source.parts()]
+    parts = [(source, part) for source in sources for part in source.parts()]
     files = [_PartFiles(folder, number) for number in range(len(parts))]
     jobs = [(*part, file.number, settings.checks) for part, file in zip(parts, files, strict=True) if not file.is_made]
     with tqdm(total=len(parts), initial=len(parts) - len(jobs), unit="file", disable=not progress) as bar:
@@ -144,8 +141,6 @@ def _make_parts(
 
 @dataclass(frozen=True)
 class _PartFiles:
-    """The files of one part, which are kept until the data set is finished."""
-
     folder: Path
     number: int
 
@@ -175,35 +170,23 @@ class _PartFiles:
             ) from trouble
 
 
-@dataclass
-class _PartReader:
-    """Separates the rows of a part from its reference images and from what is rejected."""
-
-    part: SourcePart
-    references: dict[str, ReferenceImage] = field(default_factory=dict)
-    findings: list[PairFinding] = field(default_factory=list)
-
-    def rows(self) -> Iterator[DatasetRow]:
-        """Yield all rows; afterwards `references` and `findings` are complete."""
-        number = 0
-        for item in self.part.items():
-            if isinstance(item, ReferenceImage):
-                self.references.setdefault(item.reference_id, item)
-            elif isinstance(item, RejectedItem):
-                self._add_finding(item.fault, item.id, item.message)
-            else:
-                for fault, message in item.faults:
-                    self._add_finding(fault, item.id, message, number)
-                yield item
-                number += 1
-
-    def _add_finding(self, fault: PairFault, name: str, message: str, row: int | None = None) -> None:
-        texts = escape_invalid_utf8(name), escape_invalid_utf8(message)
-        self.findings.append(PairFinding(fault, *texts, row))
+def _separate_rows(
+    items: Iterable[SourceItem], references: dict[str, ReferenceImage], findings: list[PairFinding]
+) -> Iterator[DatasetRow]:
+    """Yield the rows of a part; collect its reference images, and findings of rows and of what is rejected."""
+    numbers = count()
+    for item in items:
+        if isinstance(item, ReferenceImage):
+            references.setdefault(item.reference_id, item)
+            continue
+        row = None if isinstance(item, RejectedItem) else next(numbers)
+        for fault, message in ((item.fault, item.message),) if isinstance(item, RejectedItem) else item.faults:
+            findings.append(PairFinding(fault, escape_invalid_utf8(item.id), escape_invalid_utf8(message), row))
+        if isinstance(item, DatasetRow):
+            yield item
 
 
 def _source_paths(source: Source) -> tuple[Path, ...]:
-    """Return the paths that must exist to read a source."""
     stated = (source.conventions.reference, source.conventions.sensor)
     return (source.path, *(path for path in stated if path is not None))
 
@@ -219,11 +202,9 @@ def _require_absolute_paths(sources: Sequence[Source]) -> None:
             )
 
 
-def _make_part(
-    folder: Path, part: SourcePart, paths: tuple[Path, ...], number: int, settings: PairCheckSettings
-) -> int:
+def _make_part(folder: Path, source: Source, part: Any, number: int, settings: PairCheckSettings) -> int:
     """Write the files of one part and return its number of pairs; raises `FileNotWritten`, `InputError`."""
-    for path in paths:
+    for path in _source_paths(source):
         if not path.exists():  # on a worker; a reader would list every pair as missing
             raise InputError(
                 expected=f"{path} on {gethostname()}",
@@ -231,11 +212,12 @@ def _make_part(
                 remedy="keep sources on a file system that every worker sees",
             )
     files = _PartFiles(folder, number)
-    reader = _PartReader(part)
-    write_pair_file(files.pairs, reader.rows())
-    write_reference_images_file(files.references, reader.references.values())
+    references: dict[str, ReferenceImage] = {}
+    findings: list[PairFinding] = []
+    write_pair_file(files.pairs, _separate_rows(source.items(part), references, findings))
+    write_reference_images_file(files.references, references.values())
     check = check_pair_file(files.pairs, files.references, settings)
-    check.findings = [*reader.findings, *check.findings]
+    check.findings = [*findings, *check.findings]
     write_file_atomically(files.check, msgspec.json.encode(check))
     return len(check.ids)
 
@@ -243,7 +225,6 @@ def _make_part(
 def _combine_parts(
     folder: Path, sources: Sequence[Source], files: Sequence[_PartFiles], settings: BuildSettings
 ) -> None:
-    """Check across parts and combine them into one data set; raises `DatasetError`, `FileNotWritten`."""
     checks = [file.read_check() for file in files]
     names = [file.pairs.name for file in files] if settings.drop else _name_pair_files(folder, checks)
     report = combine_file_checks(checks, names, settings.drop)

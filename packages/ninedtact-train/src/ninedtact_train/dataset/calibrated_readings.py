@@ -1,6 +1,6 @@
 """Calibrated readings of a data set: every stored image, measured with the calibration of the sensor that took it."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from hashlib import blake2b
@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.design import Gel, SensingArea
+from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError, FileFormatError
 from ninedtact.force.estimator_and_scale import ForceScale
 from ninedtact.quantities import NO_OBJECT, Frame, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
-from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
+from ninedtact_train.dataset.folder import REFERENCES_FILE
 from ninedtact_train.dataset.parquet_files import (
     StoredImageUnreadable,
     decode_stored_image,
@@ -25,10 +25,7 @@ from ninedtact_train.dataset.parquet_files import (
     iterate_rows,
 )
 
-READ_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px")
-"""Columns that `RowReadingComputer` needs."""
-
-
+_COLUMNS = ("image", "reference_id", "sensor", "mm_per_px", "wrench", "object")
 _ROWS_PER_GROUP = 64
 """Rows that are read together, some 4 MB of images."""
 
@@ -64,7 +61,6 @@ class ReadingWithWrench:
     """The measured or simulated wrench, N and N·m about the skin's centre."""
     object: str
     sensor: str
-    kind: str
 
 
 @dataclass(frozen=True)
@@ -82,30 +78,67 @@ class RowsWithReferences:
         return {row["sensor"] or "" for row in self.rows}
 
     def readings(self, sensors: Mapping[str, DatasetSensorCalibration]) -> Iterator[ReadingWithWrench]:
-        """Yield each row as a reading; raises `CalibrationError`, `FileFormatError`."""
-        depth_reader = RowReadingComputer(self.file, sensors, self.references)
+        """Yield each row as a reading whose raw frame is empty; an image of unknown scale has that of the calibration.
+
+        Raises `CalibrationError`, `FileFormatError`.
+        """
+        require_calibrations(self.sensors, sensors)
+        readers: dict[tuple[str, str], DepthReader] = {}
         for row in self.rows:
-            wrench, object_name = decode_stored_wrench(row["wrench"]), str(row["object"] or NO_OBJECT)
-            reading = depth_reader.read(row)
-            yield ReadingWithWrench(reading, wrench, object_name, row["sensor"] or "", str(row["kind"] or ""))
+            name, reference_id = row["sensor"] or "", row["reference_id"]
+            shape = sensors[name].shape
+            mm_per_px = row["mm_per_px"] or shape.rectify.mm_per_px
+            image = self._decode_rectified(row["image"], mm_per_px)
+            if (name, reference_id) not in readers:
+                reference = self._decode_rectified(self.references[reference_id], mm_per_px)
+                readers[name, reference_id] = _bind_depth_reader(shape, name, reference)
+            reader = readers[name, reference_id]
+            if image.grey.shape != reader.reference.grey.shape:
+                raise FileFormatError(
+                    expected=f"images of sensor {name!r} as large as its reference, {reader.reference.grey.shape}",
+                    got=f"{image.grey.shape}",
+                    remedy="leave them out: ninedtact dataset build --drop",
+                )
+            frame = Frame(np.zeros((1, 1, 3), np.uint8))
+            reading = Reading(frame, image, reader(image), reference=reader.reference)
+            yield ReadingWithWrench(reading, decode_stored_wrench(row["wrench"]), str(row["object"] or NO_OBJECT), name)
+
+    def _decode_rectified(self, stored: Any, mm_per_px: float) -> Rectified:
+        try:
+            return Rectified(decode_stored_image(stored).astype(np.float32), mm_per_px)
+        except StoredImageUnreadable as error:
+            advice = f"leave it out: ninedtact dataset build --drop --out NEW {self.file.parents[1]}"
+            raise FileFormatError(f"{error} (in {self.file}); {advice}") from error
+
+
+def _bind_depth_reader(shape: CalibratedShape, name: str, reference: Rectified) -> DepthReader:
+    """Return the depth reader of a sensor for this reference image; raises `CalibrationError`."""
+    calibrated = shape.rectify.height_source.shape
+    if reference.grey.shape != calibrated:
+        raise CalibrationError(
+            expected=f"images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with",
+            got=f"{reference.grey.shape[1]} x {reference.grey.shape[0]}",
+            remedy="make the data set at that size",
+        )
+    return shape.reader_against(reference)
 
 
 def iterate_rows_with_references(
-    folder: Path, every: int = 1, left_out: Collection[str] = ()
+    files: Sequence[Path], every: int = 1, left_out: Collection[str] = ()
 ) -> Iterator[RowsWithReferences]:
-    """Yield one of every n pairs of a data set in groups of at most `_ROWS_PER_GROUP`, without those of some sensors.
+    """Yield one of every n pairs of some files of a data set in groups, without those of some sensors.
 
     Which one varies from one run of n pairs to the next, because sessions of simulated sensors begin with pairs without contact:
     equal steps would select far too many of these. The same data give the same pairs. Raises `FileFormatError`.
     """
     number = 0
-    for file in find_pair_files(folder):
-        references = read_file_references(file)
+    for file in files:
+        references = _read_references(file)
         kept = []
-        for row in iterate_rows(file, (*READ_COLUMNS, "wrench", "object", "kind")):
+        for row in iterate_rows(file, _COLUMNS):
             run, place = divmod(number, every)
             number += 1
-            if place == _chosen_place(run, every) and row["sensor"] not in left_out:
+            if place == _chosen_place(run, every) and (row["sensor"] or "") not in left_out:
                 kept.append(row)
             if len(kept) == _ROWS_PER_GROUP:
                 yield _with_references(file, kept, references)
@@ -125,64 +158,8 @@ def _with_references(file: Path, rows: list[dict[str, Any]], references: Mapping
     return RowsWithReferences(file, rows, {name: image for name, image in references.items() if name in ids})
 
 
-def read_file_references(file: Path) -> dict[str, Any]:
+def _read_references(file: Path) -> dict[str, Any]:
     """Return the values of the column `image` of the reference images that a file names; raises `FileFormatError`."""
     ids = {row["reference_id"] for row in iterate_rows(file, ["reference_id"])}
     rows = iterate_rows(file.parents[1] / REFERENCES_FILE, ("reference_id", "image"))
     return {row["reference_id"]: row["image"] for row in rows if row["reference_id"] in ids}
-
-
-@dataclass
-class RowReadingComputer:
-    """Measures the images of one Parquet file, each with its own sensor's calibration and its own reference image."""
-
-    file: Path
-    """The file, for messages."""
-    sensors: Mapping[str, DatasetSensorCalibration]
-    references: Mapping[str, Any]
-    """Values of the column `image` of the reference images by their id."""
-    _readers: dict[tuple[str, str], DepthReader] = field(default_factory=dict, init=False)
-
-    def read(self, row: Mapping[str, Any]) -> Reading:
-        """Return the reading of a row; its raw frame is empty. The scale of an image, where unknown, is that of the calibration.
-
-        Raises `CalibrationError`, `FileFormatError`.
-        """
-        sensor, reference_id = row["sensor"] or "", row["reference_id"]
-        mm_per_px = row["mm_per_px"] or (
-            self.sensors[sensor].shape.rectify.mm_per_px if sensor in self.sensors else None
-        )
-        image = self._decode_rectified(row["image"], mm_per_px)
-        if (sensor, reference_id) not in self._readers:
-            reference = self._decode_rectified(self.references[reference_id], mm_per_px)
-            self._readers[sensor, reference_id] = self._bind_depth_reader(sensor, reference)
-        reader = self._readers[sensor, reference_id]
-        if image.grey.shape != reader.reference.grey.shape:
-            raise FileFormatError(
-                expected=f"images of sensor {sensor!r} as large as its reference, {reader.reference.grey.shape}",
-                got=f"{image.grey.shape}",
-                remedy="leave them out: ninedtact dataset build --drop",
-            )
-        return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), image, reader(image), reference=reader.reference)
-
-    def _bind_depth_reader(self, name: str, reference: Rectified) -> DepthReader:
-        """Return the sensor's depth reader for this reference image; raises `CalibrationError`."""
-        require_calibrations({name}, self.sensors)
-        shape = self.sensors[name].shape
-        calibrated = shape.rectify.height_source.shape
-        if reference.grey.shape != calibrated:
-            raise CalibrationError(
-                expected=f"images of {calibrated[1]} x {calibrated[0]}, as sensor {name!r} was calibrated with",
-                got=f"{reference.grey.shape[1]} x {reference.grey.shape[0]}",
-                remedy="make the data set at that size",
-            )
-        return shape.reader_against(reference)
-
-    def _decode_rectified(self, stored: Any, mm_per_px: float | None) -> Rectified:
-        """Return a stored image with its scale, that of the published sensing area if unknown; raises `FileFormatError`."""
-        advice = f"leave it out: ninedtact dataset build --drop --out NEW {self.file.parents[1]}"
-        try:
-            grey = decode_stored_image(stored).astype(np.float32)
-        except StoredImageUnreadable as error:
-            raise FileFormatError(f"{error} (in {self.file}); {advice}") from error
-        return Rectified(grey, mm_per_px or SensingArea().width_mm / grey.shape[1])

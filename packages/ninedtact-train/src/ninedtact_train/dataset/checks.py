@@ -151,7 +151,6 @@ def _find_pair_faults(
 
 
 def _find_wrench_faults(wrench: Array, settings: PairCheckSettings) -> Iterator[tuple[PairFault, str]]:
-    """Yield a fault where the wrench is too large or of the wrong sign."""
     beyond = np.abs(wrench) > np.array(settings.max_wrench)
     if beyond.any():
         axis = int(np.argmax(beyond))
@@ -187,7 +186,6 @@ def local_darkening_levels(image: _GreyImage, reference: _GreyImage) -> float:
 
 
 def _find_duplicates(checks: Iterable[FileCheck], files: Iterable[str]) -> Iterator[PairFinding]:
-    """Yield a finding for every image and id that came before, in the order of the files."""
     id_places: dict[str, str] = {}
     image_ids: dict[str, str] = {}
     for check, file in zip(checks, files, strict=True):

@@ -41,7 +41,6 @@ REAL_PERCENTILES = np.array(
 )
 """Percentiles 5, 50 and 95 of 10,000 real wrenches on 175 objects, N and N·m about 35 mm below the skin (docs/references.md)."""
 
-_Wrenches = Float[Array, "n 6"]
 _Percentiles = Float[Array, "6 3"]
 
 
@@ -52,7 +51,7 @@ class DatasetStatistics:
     kinds: dict[str, int]
     sensors: dict[str, int]
     objects: dict[str, int]
-    rule_wrenches: _Wrenches
+    rule_wrenches: Float[Array, "n 6"]
     """The finite wrenches of the pairs that the sampling rule kept, or of all pairs if it kept none; about the skin's centre."""
 
     @property
@@ -66,15 +65,15 @@ class DatasetStatistics:
         return len(set(self.objects) - {NO_OBJECT})
 
     @property
-    def percentiles(self) -> dict[str, list[float]]:
+    def percentiles(self) -> _Percentiles:
         """Percentiles 5, 50 and 95 of every axis about the paper's force/torque sensor; raises `IndexError` without wrenches."""
-        return dict(zip(WRENCH_AXES, wrench_percentiles(self.rule_wrenches).tolist(), strict=True))
+        to_force_sensor = Wrench(np.zeros(3), np.zeros(3)).shift_matrix(np.array(_FORCE_SENSOR_MM))
+        return np.asarray(np.percentile(self.rule_wrenches @ to_force_sensor.T, _RANKS, axis=0).T)
 
     @property
-    def differences_from_real_percentiles(self) -> dict[str, list[float]]:
+    def differences_from_real_percentiles(self) -> _Percentiles:
         """Differences of the percentiles from the real ones, as parts of each axis's real span from 5 to 95."""
-        differences = differences_from_real_percentiles(wrench_percentiles(self.rule_wrenches))
-        return dict(zip(WRENCH_AXES, differences.tolist(), strict=True))
+        return (self.percentiles - REAL_PERCENTILES) / (REAL_PERCENTILES[:, 2:] - REAL_PERCENTILES[:, :1])
 
     def kind_counts_text(self) -> str:
         """Return the counts by kind as one phrase."""
@@ -85,15 +84,16 @@ class DatasetStatistics:
         if not len(self.rule_wrenches):
             yield "no finite wrench"
             return
-        found = wrench_percentiles(self.rule_wrenches)
-        errors_percent = 100 * differences_from_real_percentiles(found)
+        errors_percent = 100 * self.differences_from_real_percentiles
         pairs = "pairs by the rule" if "rule" in self.kinds else "pairs of all kinds"
         yield (
             f"{len(self.rule_wrenches)} {pairs}, N and N·m about {-_FORCE_SENSOR_MM[2]:g} mm below the skin; "
             "percentiles 5, 50, 95:"
         )
         yield f"    {'this data set':28}{'real':28}difference, % of the real span"
-        for axis, ours, real, errors in zip(WRENCH_AXES, found, REAL_PERCENTILES, errors_percent, strict=True):
+        for axis, ours, real, errors in zip(
+            WRENCH_AXES, self.percentiles, REAL_PERCENTILES, errors_percent, strict=True
+        ):
             decimals = 2 if axis.startswith("F") else 4
             ours_text, real_text = ("".join(f"{value:9.{decimals}f}" for value in values) for values in (ours, real))
             yield f"{axis} {ours_text} {real_text}  {''.join(f'{value:+5.0f}' for value in errors)}"
@@ -110,21 +110,6 @@ def compute_dataset_statistics(pair_files: Sequence[Path]) -> DatasetStatistics:
     finite = wrenches[np.isfinite(wrenches).all(1)]
     by_kind, by_sensor, by_object = (dict(sorted(Counter(names).items())) for names in (kinds, sensors, objects))
     return DatasetStatistics(by_kind, by_sensor, by_object, finite)
-
-
-def wrench_percentiles(wrenches: _Wrenches) -> _Percentiles:
-    """Return percentiles 5, 50 and 95 of every axis about the paper's force/torque sensor, of wrenches about the skin's centre."""
-    return np.asarray(np.percentile(move_to_force_sensor(wrenches), _RANKS, axis=0).T)
-
-
-def move_to_force_sensor(wrenches: _Wrenches) -> _Wrenches:
-    """Return wrenches about the skin's centre as wrenches about the position of the paper's force/torque sensor."""
-    return wrenches @ Wrench(np.zeros(3), np.zeros(3)).shift_matrix(np.array(_FORCE_SENSOR_MM)).T
-
-
-def differences_from_real_percentiles(found: _Percentiles) -> _Percentiles:
-    """Return the differences from `REAL_PERCENTILES` as parts of each axis's real span from 5 to 95."""
-    return (found - REAL_PERCENTILES) / (REAL_PERCENTILES[:, 2:] - REAL_PERCENTILES[:, :1])
 
 
 _LICENCE = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")

@@ -125,17 +125,13 @@ def read_dataset_settings(folder: Path) -> dict[str, Any]:
         return {}
     try:
         found = read_json_object(path)
+        if found.get(CHECKSUM_KEY) not in (None, mapping_checksum(found)):
+            raise ValueError("other settings than its checksum")
+        return found
     except (OSError, ValueError) as trouble:
         raise FileFormatError(
-            f"expected settings in {path}, got: {trouble}; copy the whole data set again"
+            f"expected {path} as it was written, got: {trouble}; copy the whole data set again"
         ) from trouble
-    if found.get(CHECKSUM_KEY) not in (None, mapping_checksum(found)):
-        raise FileFormatError(
-            expected=f"{path} as it was written",
-            got="other settings than its checksum",
-            remedy="copy the whole data set again",
-        )
-    return found
 
 
 def find_sensor_folders(folder: Path) -> list[Path]:
@@ -185,7 +181,6 @@ def to_json_bytes(value: Any) -> bytes:
 
 
 def _require_same_settings(kept: Path, resolved: dict[str, Any]) -> None:
-    """Refuse to mix two works in one folder."""
     try:
         found = read_json_object(kept)
     except (OSError, ValueError):

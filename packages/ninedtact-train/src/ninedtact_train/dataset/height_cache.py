@@ -23,15 +23,13 @@ from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import NO_OBJECT
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 from ninedtact_train.dataset.calibrated_readings import (
-    READ_COLUMNS,
     DatasetSensorCalibration,
-    RowReadingComputer,
-    read_file_references,
+    iterate_rows_with_references,
     require_calibrations,
 )
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.image_cache import digest_files_with_cache, make_cache_folder
-from ninedtact_train.dataset.parquet_files import iterate_rows, wrench_array
+from ninedtact_train.dataset.parquet_files import read_columns, wrench_array
 from ninedtact_train.dataset.reader import read_name_column, read_pair_columns
 
 
@@ -83,7 +81,6 @@ def load_height_pairs(
 def _digest_inputs(
     files: Sequence[Path], cache: Path, sensors: Mapping[str, DatasetSensorCalibration], grid: SkinGrid
 ) -> str:
-    """Return a digest of everything that the heights depend on."""
     calibrations = sorted((name, sensor.digest) for name, sensor in sensors.items())
     data = digest_files_with_cache([*files, files[0].parents[1] / REFERENCES_FILE], cache)
     return blake2b(repr((__version__, data, calibrations, grid)).encode(), digest_size=6).hexdigest()
@@ -116,16 +113,17 @@ def _compute_missing_files(
     from tqdm import tqdm
 
     missing = [file for file in files if not _cache_file(target, file).is_file()]
-    jobs = [(file, _cache_file(target, file), _select_sensors(file, sensors), grid) for file in missing]
+    jobs = []
+    for file in missing:
+        own = {name: sensors[name] for name in set(_read_sensor_names(file).tolist()) & sensors.keys()}
+        jobs.append((file, _cache_file(target, file), own, grid))  # a process receives no other calibrations
     with tqdm(total=len(files), initial=len(files) - len(missing), unit="file", disable=not progress) as bar:
         for _ in run_jobs(_compute_cache_file, jobs, workers):
             bar.update()
 
 
-def _select_sensors(file: Path, sensors: Mapping[str, DatasetSensorCalibration]) -> dict[str, DatasetSensorCalibration]:
-    """Return the calibrations of the sensors in one file, so that a process receives no others."""
-    names = {row["sensor"] or "" for row in iterate_rows(file, ["sensor"])}
-    return {name: sensors[name] for name in names if name in sensors}
+def _read_sensor_names(file: Path) -> Shaped[Array, " n"]:
+    return read_name_column(read_columns([file], ["sensor"]), "sensor")
 
 
 def _compute_cache_file(
@@ -135,13 +133,13 @@ def _compute_cache_file(
 
     Raises `FileFormatError`, `CalibrationError`, `FileNotWritten`.
     """
-    reader = RowReadingComputer(file, sensors, read_file_references(file))
-    heights = []
-    for row in iterate_rows(file, READ_COLUMNS):
-        if (row["sensor"] or "") in sensors:
-            heights.append(orthorectified_heights(reader.read(row).height, grid))
-        else:
-            heights.append(np.zeros((grid.rows, grid.cols)))
+    names = _read_sensor_names(file)
+    is_known = np.isin(names, list(sensors))
+    heights = np.zeros((len(names), grid.rows, grid.cols), np.float16)
+    groups = iterate_rows_with_references([file], left_out=set(names[~is_known].tolist()))
+    pairs = (pair for group in groups for pair in group.readings(sensors))
+    for row, pair in zip(np.flatnonzero(is_known), pairs, strict=True):
+        heights[row] = orthorectified_heights(pair.reading.height, grid)
     content = BytesIO()
-    np.save(content, np.array(heights, np.float16))
+    np.save(content, heights)
     write_file_atomically(target, content.getvalue())

@@ -122,7 +122,6 @@ def make_cache_folder(path: Path) -> None:
 
 
 def _decode_files(files: Sequence[Path], folder: Path, size: tuple[int, int], threads: int, progress: bool) -> None:
-    """Decode every image into the arrays of a folder; raises `FileFormatError`, `FileNotWritten`."""
     from tqdm import tqdm
 
     *pair_files, references = files

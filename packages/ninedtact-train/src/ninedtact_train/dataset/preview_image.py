@@ -70,7 +70,6 @@ def render_preview(folder: Path, pairs: int = 24) -> bytes:
 
 
 def _read_spread_over_loads(files: Sequence[Path], pairs: int) -> Iterator[dict[str, Any]]:
-    """Yield pairs from the lightest to the heaviest load."""
     columns = [read_columns([file], ["wrench"]) for file in files]
     places = [(file, row) for file, column in zip(files, columns, strict=True) for row in range(column.num_rows)]
     wrenches = np.concatenate([wrench_array(column) for column in columns])

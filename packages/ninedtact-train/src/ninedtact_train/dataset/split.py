@@ -174,7 +174,6 @@ def _is_of_objects(pairs: SplitKeys, held: Sequence[str], seed: int) -> Bool[Arr
 
 
 def _held_out_names(pairs: SplitKeys, settings: SplitSettings, what: Literal["objects", "sensors"]) -> tuple[str, ...]:
-    """Return the sorted names of the objects or sensors to hold out; raises `InputError`."""
     different = set(pairs.column(what).tolist()) - {NO_OBJECT}
     if len(different) < 2:
         raise InputError(

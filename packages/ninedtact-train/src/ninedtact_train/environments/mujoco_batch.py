@@ -110,7 +110,6 @@ class TactileSensorBatch:
         ]
 
     def _solve_all(self) -> list[Contact | None]:
-        """Return the contact of every scene, None where nothing touches."""
         contacts: list[Contact | None] = [None] * len(self.sensors)
         running = {number: sensor.press_steps() for number, sensor in enumerate(self.sensors)}
         responses: dict[int, Press | None] = dict.fromkeys(running)
@@ -127,7 +126,6 @@ class TactileSensorBatch:
         return contacts
 
     def _solve(self, requests: dict[int, ContactSolveRequest]) -> dict[int, Press | None]:
-        """Return the press of each request, solved in one batch for each friction."""
         groups: dict[float, list[int]] = defaultdict(list)
         for number, request in requests.items():
             groups[request.friction].append(number)

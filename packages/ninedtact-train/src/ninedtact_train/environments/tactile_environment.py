@@ -180,7 +180,6 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         return reading
 
     def _observation(self, reading: TactileReading) -> Observation:
-        """Return the small grey image and heights, the wrench, and what the task adds."""
         found = self._estimates
         if found is None or found.wrench is None:
             wrench, heights = reading.wrench, reading.heights

@@ -68,27 +68,29 @@ _LOADS_N = (0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, np.inf)
 _COVERAGE_SHARES = (0.5, 0.9)
 
 
-@dataclass(frozen=True)
 class AxisScores:
     """Scores of each axis, N and N·m where they have a unit; NaN where the truth does not vary and a score is undefined."""
 
-    mae: Six
-    """Mean absolute error."""
-    std: Six
-    """Standard deviation of the absolute error, as in the paper."""
-    rmse: Six
-    bias: Six
-    """Mean of predicted minus true."""
-    median_mae: Six
-    """Mean absolute error of always predicting the median of these truths."""
-    skill: Six
-    """1 − mae / median_mae: 0 is no better than the median, 1 is perfect. It is comparable between different force ranges."""
-    r2: Six
-    """1 − squared errors / squared deviations of the truth from its mean."""
-    slope: Six
-    """Slope of the least-squares line predicted = slope · true; below 1, forces are underestimated."""
-    slope_with_offset: Six
-    """Slope of the least-squares line predicted = slope · true + offset; predictions that stay near the mean lower it, too."""
+    def __init__(self, predictions: WrenchPredictions) -> None:
+        true, predicted, error = predictions.truth, predictions.predicted, predictions.error
+        true_spread, predicted_spread = true - true.mean(0), predicted - predicted.mean(0)
+        self.mae: Six = np.abs(error).mean(0)
+        """Mean absolute error."""
+        self.std: Six = np.abs(error).std(0)
+        """Standard deviation of the absolute error, as in the paper."""
+        self.rmse: Six = np.sqrt((error**2).mean(0))
+        self.bias: Six = error.mean(0)
+        """Mean of predicted minus true."""
+        self.median_mae: Six = np.abs(true - np.median(true, axis=0)).mean(0)
+        """Mean absolute error of always predicting the median of these truths."""
+        self.skill: Six = 1 - _ratio(self.mae, self.median_mae)
+        """1 − mae / median_mae: 0 is no better than the median, 1 is perfect. It is comparable between different force ranges."""
+        self.r2: Six = 1 - _ratio((error**2).sum(0), (true_spread**2).sum(0))
+        """1 − squared errors / squared deviations of the truth from its mean."""
+        self.slope: Six = _ratio((true * predicted).sum(0), (true**2).sum(0))
+        """Slope of the least-squares line predicted = slope · true; below 1, forces are underestimated."""
+        self.slope_with_offset: Six = _ratio((true_spread * predicted_spread).sum(0), (true_spread**2).sum(0))
+        """Slope of the least-squares line predicted = slope · true + offset; predictions that stay near the mean lower it, too."""
 
 
 @dataclass(frozen=True)
@@ -120,15 +122,6 @@ class NoContactScores:
 
 
 @dataclass(frozen=True)
-class IntervalCoverage:
-    """Observed coverage of the intervals that should contain the truth in a fraction `share` of all pairs."""
-
-    share: float
-    covered: Six
-    """Part of the pairs with a claimed standard deviation whose truth lies in the interval; NaN for an axis without any."""
-
-
-@dataclass(frozen=True)
 class WrenchEvaluation:
     """All scores of a set of predictions, and the predictions themselves."""
 
@@ -137,23 +130,15 @@ class WrenchEvaluation:
     by_load: tuple[GroupScores, ...]
     by_object: tuple[GroupScores, ...]
     by_sensor: tuple[GroupScores, ...]
-    coverage: tuple[IntervalCoverage, ...]
+    coverage: dict[float, Six]
+    """Observed coverage (`interval_coverage`) of the intervals that should contain the truth in this share of all pairs; empty
+    where no standard deviations are claimed."""
     no_contact: NoContactScores | None
 
     @property
     def pairs(self) -> int:
         """The number of evaluated pairs."""
         return len(self.predictions.truth)
-
-    @property
-    def mean_mae(self) -> ForceTorqueMeans:
-        """Mean absolute error averaged over forces and over torques."""
-        return force_torque_means(self.scores.mae)
-
-    @property
-    def mean_std(self) -> ForceTorqueMeans:
-        """Standard deviation of the absolute error averaged over forces and over torques."""
-        return force_torque_means(self.scores.std)
 
     def to_json_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, N and N·m; undefined scores are null."""
@@ -163,12 +148,12 @@ class WrenchEvaluation:
             "units": WRENCH_UNITS,
             "about_mm": self.predictions.about_mm,
             **vars(self.scores),
-            "mean_mae": self.mean_mae,
-            "mean_std": self.mean_std,
+            "mean_mae": force_torque_means(self.scores.mae),
+            "mean_std": force_torque_means(self.scores.std),
             "by_load": _groups_by_name(self.by_load),
             "no_contact": self.no_contact,
             "distribution": self.predictions.distribution if self.coverage else None,
-            "coverage": {f"{100 * found.share:g}": found.covered for found in self.coverage},
+            "coverage": {f"{100 * share:g}": covered for share, covered in self.coverage.items()},
             "by_object": _groups_by_name(self.by_object),
             "by_sensor": _groups_by_name(self.by_sensor),
             "published": published_scores_about_torque_point(self.predictions.about_mm),
@@ -179,32 +164,15 @@ class WrenchEvaluation:
 
 def evaluate_predictions(predictions: WrenchPredictions) -> WrenchEvaluation:
     """Compute all scores, torques about the point of the predictions; `WrenchPredictions.about` moves them first."""
+    shares = () if predictions.std is None else _COVERAGE_SHARES
     return WrenchEvaluation(
         predictions,
-        _axis_scores(predictions),
+        AxisScores(predictions),
         tuple(_scores_by_load(predictions)),
         tuple(group for group in _scores_by_name(predictions, predictions.objects) if group.name != NO_OBJECT),
         tuple(_scores_by_name(predictions, predictions.sensors)),
-        _interval_coverage(predictions),
+        {share: interval_coverage(predictions, share) for share in shares},
         _no_contact_scores(predictions),
-    )
-
-
-def _axis_scores(predictions: WrenchPredictions) -> AxisScores:
-    """Compute the scores of each axis."""
-    true, predicted, error = predictions.truth, predictions.predicted, predictions.error
-    true_spread, predicted_spread = true - true.mean(0), predicted - predicted.mean(0)
-    mae, median_mae = np.abs(error).mean(0), np.abs(true - np.median(true, axis=0)).mean(0)
-    return AxisScores(
-        mae=mae,
-        std=np.abs(error).std(0),
-        rmse=np.sqrt((error**2).mean(0)),
-        bias=error.mean(0),
-        median_mae=median_mae,
-        skill=1 - _ratio(mae, median_mae),
-        r2=1 - _ratio((error**2).sum(0), (true_spread**2).sum(0)),
-        slope=_ratio((true * predicted).sum(0), (true**2).sum(0)),
-        slope_with_offset=_ratio((true_spread * predicted_spread).sum(0), (true_spread**2).sum(0)),
     )
 
 
@@ -245,12 +213,10 @@ def _scores_by_name(predictions: WrenchPredictions, names: Sequence[str] | None)
 
 
 def _group_scores(name: str, error: Array) -> GroupScores:
-    """Return the scores of a group of pairs from their errors (n, 6)."""
     return GroupScores(name, len(error), np.abs(error).mean(0), error.mean(0))
 
 
 def _no_contact_scores(predictions: WrenchPredictions) -> NoContactScores | None:
-    """Return the forces predicted for pairs without contact; None where there are no such pairs."""
     no_contact = ~predictions.in_contact
     if not no_contact.any():
         return None
@@ -258,15 +224,8 @@ def _no_contact_scores(predictions: WrenchPredictions) -> NoContactScores | None
     return NoContactScores(int(no_contact.sum()), float(force_n.mean()), float(force_n.max()))
 
 
-def _interval_coverage(predictions: WrenchPredictions) -> tuple[IntervalCoverage, ...]:
-    """Return the coverage of each interval; nothing where no standard deviations are claimed."""
-    if predictions.std is None:
-        return ()
-    return tuple(IntervalCoverage(share, interval_coverage(predictions, share)) for share in _COVERAGE_SHARES)
-
-
 def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
-    """Return the part of the pairs whose truth lies in the central interval of this share, by axis.
+    """Return the part of the pairs whose truth lies in the central interval of this share, by axis; NaN for an axis without any.
 
     Pairs without contact for which exactly zero is predicted are left out, because they are always covered. So are, on each axis,
     pairs without a claimed standard deviation.
@@ -280,5 +239,4 @@ def interval_coverage(predictions: WrenchPredictions, share: float) -> Six:
 
 
 def _groups_by_name(groups: Iterable[GroupScores]) -> dict[str, dict[str, Any]]:
-    """Return pairs and errors of each group by its name."""
     return {group.name: {"pairs": group.pairs, "mae": group.mae, "bias": group.bias} for group in groups}

@@ -47,7 +47,6 @@ def format_model_card(card: ModelCard) -> str:
 
 
 def _format_card(card: ModelCard) -> Iterator[str]:
-    """Yield the lines of the page."""
     training = card.training
     yield f"# Force model `{card.name}`"
     yield ""
@@ -101,7 +100,6 @@ def format_light_contact_errors(table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _six_numbers_at(table: Mapping[str, Any], place: str | tuple[str, ...]) -> Any:
-    """Return the six numbers at a key or path of a table, None where they are missing."""
     value: Any = table
     for key in (place,) if isinstance(place, str) else place:
         value = value.get(key) if isinstance(value, Mapping) else None

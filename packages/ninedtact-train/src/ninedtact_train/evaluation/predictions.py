@@ -133,19 +133,14 @@ class WrenchPredictions:
             raise FileFormatError(
                 expected="points of finite numbers", got=f"{self.about_mm} and {point_mm}", remedy="correct them"
             )
-        truth, predicted = (_shift_torques(six, arm_m) for six in (self.truth, self.predicted))
-        std = None if self.std is None else np.where(_axes_mixed_by_shift(arm_m), np.nan, self.std)
+        truth, predicted = (
+            np.concatenate([six[:, FORCES], six[:, TORQUES] + np.cross(arm_m, six[:, FORCES])], axis=1)
+            for six in (self.truth, self.predicted)
+        )
+        # The torque axes that are not parallel to the arm receive a part of the forces.
+        is_mixed = np.array([False] * 3 + [bool(np.delete(arm_m, axis).any()) for axis in range(3)])
+        std = None if self.std is None else np.where(is_mixed, np.nan, self.std)
         return replace(self, truth=truth, predicted=predicted, std=std, about_mm=point_mm)
-
-
-def _shift_torques(six: Wrenches, arm_m: Float64[Array, "3"]) -> Wrenches:
-    """Return τ' = τ + arm × F with the forces; the arm leads from the new point to the old one."""
-    return np.concatenate([six[:, FORCES], six[:, TORQUES] + np.cross(arm_m, six[:, FORCES])], axis=1)
-
-
-def _axes_mixed_by_shift(arm_m: Float64[Array, "3"]) -> Array:
-    """Return which axes receive a part of the forces: the torque axes that are not parallel to the arm."""
-    return np.array([False] * 3 + [bool(np.delete(arm_m, axis).any()) for axis in range(3)])
 
 
 def _require_wrenches(name: str, six: Wrenches | None, rows: int) -> None:
@@ -180,7 +175,8 @@ def require_si_units(predictions: WrenchPredictions) -> None:
 def _unit_suspicions(predictions: WrenchPredictions) -> Iterator[str]:
     """Yield a text for each sign of wrong units: what is suspicious, and what to do about it."""
     true, predicted = predictions.truth, predictions.predicted
-    if _is_normalised(predicted) and true[:, 2].min() < _MIN_FORCE_REACH_N:
+    is_normalised = predicted.min() >= 0 and predicted.max() <= 1 and predicted.any()
+    if is_normalised and true[:, 2].min() < _MIN_FORCE_REACH_N:
         yield (
             "predictions that all lie between 0 and 1, as the original's network gives them; turn them back into "
             "min + p · (max \N{MINUS SIGN} min) with the ranges that it was trained with"
@@ -194,11 +190,6 @@ def _unit_suspicions(predictions: WrenchPredictions) -> Iterator[str]:
                 f"{name} torques {torque_nm / force_n:.2g} m times the forces, as of N·mm or of forces that are scaled; "
                 "convert them"
             )
-
-
-def _is_normalised(six: Wrenches) -> bool:
-    """Return whether every number lies between 0 and 1, not all of them being zero."""
-    return bool(six.min() >= 0 and six.max() <= 1 and six.max() > 0)
 
 
 def _vector_size(vectors: Float64[Array, "n 3"]) -> float:
@@ -241,7 +232,6 @@ def read_predictions(
 
 
 def _require_columns(path: Path, header: Sequence[str]) -> None:
-    """Raise `FileFormatError` for a header without a required column, or with a name twice."""
     wanted = (*_TRUTH, *_PREDICTED, *(_STD if any(name in _STD for name in header) else ()))
     missing = [name for name in wanted if name not in header]
     repeated = sorted({name for name in header if header.count(name) > 1})
@@ -255,7 +245,6 @@ def _require_columns(path: Path, header: Sequence[str]) -> None:
 
 
 def _six_columns(table: pa.Table, names: Sequence[str]) -> Wrenches:
-    """Return six columns of a table as one array."""
     return np.stack([table[name].to_numpy() for name in names], axis=1)
 
 

@@ -45,7 +45,6 @@ _WORST_NAMED = 6
 
 
 def _plot_evaluation(evaluation: WrenchEvaluation) -> Iterator[tuple[str, bytes]]:
-    """Yield name and PNG of every figure for which the evaluation has data."""
     yield "scatter", _plot_predicted_against_true(evaluation)
     if evaluation.by_load:
         yield "load", _plot_error_by_load(evaluation)
@@ -65,7 +64,9 @@ def _plot_predicted_against_true(evaluation: WrenchEvaluation) -> bytes:
         factor, unit = (1.0, "N") if axis < 3 else (_MILLI, "N·mm")
         predictions = evaluation.predictions
         true, predicted = (factor * six[:, axis] for six in (predictions.truth, predictions.predicted))
-        low, high = _padded_limits(min(true.min(), predicted.min()), max(true.max(), predicted.max()))
+        low, high = min(true.min(), predicted.min()), max(true.max(), predicted.max())
+        margin = 0.03 * (high - low) or 1.0
+        low, high = low - margin, high + margin
         axes.hexbin(
             true, predicted, gridsize=60, extent=(low, high, low, high), mincnt=1, cmap="Blues", norm=LogNorm(0.3)
         )
@@ -79,7 +80,6 @@ def _plot_predicted_against_true(evaluation: WrenchEvaluation) -> bytes:
 
 
 def _plot_error_by_load(evaluation: WrenchEvaluation) -> bytes:
-    """Plot the mean absolute error of each axis by true load, with the bias as a mark on the bar."""
     figure = _new_figure(10.5, 4.2)
     names = [f"{group.name}\n{group.pairs}" for group in evaluation.by_load]
     for axes, which, factor, unit in zip(
@@ -103,7 +103,6 @@ def _plot_error_by_load(evaluation: WrenchEvaluation) -> bytes:
 
 
 def _plot_interval_coverage(evaluation: WrenchEvaluation) -> bytes:
-    """Plot the share of pairs inside each interval against the share that it claims."""
     figure = _new_figure(5.2, 5.0)
     axes = figure.subplots()
     found = np.array([interval_coverage(evaluation.predictions, share) for share in _SHARES]).T
@@ -144,21 +143,13 @@ def _plot_error_by_group(groups: Sequence[GroupScores], what: str) -> bytes:
     return _encode_png(figure)
 
 
-def _padded_limits(low: float, high: float) -> tuple[float, float]:
-    """Return axis limits a little outside the data."""
-    margin = 0.03 * (high - low) or 1.0
-    return low - margin, high + margin
-
-
 def _new_figure(width_in: float, height_in: float) -> "Figure":
-    """Return an empty white figure."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white", layout="constrained")
 
 
 def _style_axes(axes: "Axes", title: str, x_label: str, y_label: str) -> None:
-    """Set title, labels and legend, and thin grey lines."""
     axes.set_title(title, size=9.5, color=_INK)
     axes.set_xlabel(x_label, size=9, color=_INK)
     axes.set_ylabel(y_label, size=9, color=_INK)
@@ -168,14 +159,12 @@ def _style_axes(axes: "Axes", title: str, x_label: str, y_label: str) -> None:
 
 
 def _place_legend_above(axes: "Axes") -> None:
-    """Place the legend above axes that bars may fill."""
     axes.legend(
         fontsize=8, frameon=False, labelcolor=_INK, ncols=4, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2
     )
 
 
 def _encode_png(figure: "Figure") -> bytes:
-    """Return the figure as a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
@@ -232,8 +221,6 @@ _WORST_OBJECTS = 10
 
 @dataclass(frozen=True)
 class _ReportRow:
-    """One row of a report's table: a label and its formatted cells."""
-
     name: str
     cells: tuple[str, ...]
     is_published: bool = False
@@ -307,13 +294,11 @@ def _score_rows(evaluation: WrenchEvaluation) -> Iterator[_ReportRow]:
 
 
 def _coverage_rows(evaluation: WrenchEvaluation) -> Iterator[_ReportRow]:
-    """Yield the part of the pairs inside each interval."""
-    for coverage in evaluation.coverage:
-        yield _ReportRow(f"in {coverage.share:.0%} interval", _format_cells(coverage.covered, "ratio"))
+    for share, covered in evaluation.coverage.items():
+        yield _ReportRow(f"in {share:.0%} interval", _format_cells(covered, "ratio"))
 
 
 def _group_rows(groups: Sequence[GroupScores]) -> Iterator[_ReportRow]:
-    """Yield error and bias of each group with its number of pairs."""
     for group in groups:
         yield _ReportRow(f"{group.name}, {group.pairs} pairs", _format_cells(group.mae, "error"))
         yield _ReportRow("  bias", _format_cells(group.bias, "signed"))
@@ -338,7 +323,6 @@ def _format_number(value: float, decimals: int, is_signed: bool = False) -> str:
 
 
 def _format_table(title: str, rows: Sequence[_ReportRow]) -> Iterator[str]:
-    """Yield the lines of a table: a heading, then the rows in columns."""
     width = max(20, len(title), *(len(row.name) + 2 * row.is_published for row in rows))
     yield f"{title:<{width}}" + "".join(f"{heading:>9}" for heading in _HEADINGS)
     for row in rows:
@@ -347,7 +331,6 @@ def _format_table(title: str, rows: Sequence[_ReportRow]) -> Iterator[str]:
 
 
 def _pair_count_text(evaluation: WrenchEvaluation) -> str:
-    """Return the numbers of pairs, objects and sensors in words."""
     words = f"{evaluation.pairs} pairs"
     for what, groups in (("object", evaluation.by_object), ("sensor", evaluation.by_sensor)):
         if groups:
@@ -356,7 +339,6 @@ def _pair_count_text(evaluation: WrenchEvaluation) -> str:
 
 
 def _torque_reference_text(evaluation: WrenchEvaluation) -> str:
-    """Return the point of the torques in words."""
     point = evaluation.predictions.about_mm
     if point is None:
         return "about the point of the predictions file"
@@ -364,7 +346,6 @@ def _torque_reference_text(evaluation: WrenchEvaluation) -> str:
 
 
 def _best_and_worst_text(what: str, groups: Sequence[GroupScores]) -> str:
-    """Return the best and the worst of the objects or sensors by the mean error of the forces."""
     order = sorted(groups, key=lambda group: force_torque_means(group.mae).force_n)
     best, worst = (f"{group.name} {force_torque_means(group.mae).force_n:.3f} N" for group in (order[0], order[-1]))
     return f"{what}, mean error of the forces: best {best}, worst {worst}"

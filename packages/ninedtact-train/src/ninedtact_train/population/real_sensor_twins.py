@@ -52,7 +52,6 @@ def twins_of_real_fits() -> dict[str, SampledSensor]:
 
 
 def _simulated_sensor(fit: RealFit, number: int) -> SampledSensor:
-    """Return the simulated sensor of a fit."""
     drawn, area = sample_sensor(number, _SEED), SensingArea()
     wider = fit.board_pitch_mm / PinBoard().pitch_mm
     gel = Gel(thickness_mm=fit.thickness_mm, gel_to_base_modulus_ratio=0.0)

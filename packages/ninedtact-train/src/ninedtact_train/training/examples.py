@@ -167,20 +167,11 @@ class BatchDataset(Dataset[TrainingBatch]):
         """Return the batch of these rows, copied into memory."""
         examples, references = self.examples, None
         if examples.references is not None and examples.reference_of is not None:
-            references = _copy_to_tensor(examples.references[examples.reference_of[rows]])
+            references = torch.tensor(examples.references[examples.reference_of[rows]])
         features = examples.sensor_features
         features = np.tile(TYPICAL_FEATURES.row, (len(rows), 1)) if features is None else features[rows]
-        return TrainingBatch(
-            _copy_to_tensor(examples.images[rows]),
-            _copy_to_tensor(examples.wrench[rows]),
-            references,
-            _copy_to_tensor(features),
-        )
-
-
-def _copy_to_tensor(array: Array) -> Tensor:
-    """Copy an array, which may be mapped from a file, to a tensor in memory."""
-    return torch.from_numpy(np.array(array))
+        images, wrench = torch.tensor(examples.images[rows]), torch.tensor(examples.wrench[rows])
+        return TrainingBatch(images, wrench, references, torch.tensor(features))
 
 
 def rows_of_batches(

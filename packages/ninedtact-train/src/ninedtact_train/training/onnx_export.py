@@ -52,7 +52,6 @@ def rewrite_card(path: Path, card: ModelCard, out: Path) -> None:
 
 
 def _build_onnx_graph(network: WrenchNetwork, card: ModelCard) -> onnx.ModelProto:
-    """Return the network as an ONNX graph for any number of images at once."""
     network.cpu().eval()
     shown = torch.zeros(2, *card.input.shape)
     with silence_loggers("torch.onnx", warnings_of=""), torch.no_grad():
@@ -86,7 +85,6 @@ def _remove_traces(graph: onnx.ModelProto) -> None:
 
 
 def _require_onnx_parity(network: WrenchNetwork, model: ForceModel) -> None:
-    """Raise `OutputError` where graph and network differ on random inputs."""
     shown = torch.rand(_PARITY_INPUTS, *model.card.input.shape)
     with torch.no_grad():
         expected = [part.double().numpy() for part in network(shown)]

@@ -126,7 +126,6 @@ class TrainedNetwork:
         return np.maximum(np.abs(wrench - np.median(wrench, axis=0)).mean(0), 1e-12).tolist()
 
     def _predict(self, rows: Int[Array, " n"]) -> WrenchPrediction:
-        """Return the network's predictions for examples without augmentation."""
         with torch.no_grad():
             outputs = [self.network(shown) for shown in self._network_inputs(rows)]
         arrays = [torch.cat(output).double().cpu().numpy() for output in zip(*outputs, strict=True)]

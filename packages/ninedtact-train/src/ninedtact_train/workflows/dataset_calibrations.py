@@ -53,15 +53,8 @@ class DatasetSensors:
     by_name: dict[str, DatasetSensorCalibration]
     refused: dict[str, str]
     """Reason for each simulated sensor that could not be calibrated, by name; the pairs of these sensors are left out."""
-
-    doubts: tuple[str, ...] = ()
-    """Reasons to distrust calibrations, one sentence each."""
-
-    def notices(self) -> Iterator[str]:
-        """Yield a sentence about each calibration to be distrusted, and about each sensor whose pairs are left out."""
-        yield from self.doubts
-        for name, reason in self.refused.items():
-            yield f"pairs of {name} are left out, it could not be calibrated: {reason}"
+    notices: tuple[str, ...] = ()
+    """A sentence about each calibration to be distrusted, and about each sensor whose pairs are left out."""
 
 
 def load_simulated_sensors(data: Path) -> dict[str, SampledSensor]:
@@ -95,7 +88,8 @@ def load_dataset_sensors(data: Path, given: Path | None, workers: Workers, progr
                 f"expected simulated sensors that can be calibrated, got none of {data}: {next(iter(refused.values()))}"
             )
     by_name = {path.name: _load_calibrated_sensor(path) for path in find_dataset_sensor_folders(data, given)}
-    return DatasetSensors(by_name, refused, tuple(find_calibration_doubts(data, given)))
+    left_out = (f"pairs of {name} are left out, it could not be calibrated: {why}" for name, why in refused.items())
+    return DatasetSensors(by_name, refused, (*find_calibration_doubts(data, given), *left_out))
 
 
 def find_calibration_doubts(data: Path, given: Path | None) -> Iterator[str]:
@@ -150,17 +144,13 @@ def calibrate_simulated_sensors(
 
     Returns the reason for each sensor that could not be calibrated.
     """
-    jobs = [(name, member) for name, member in members.items() if not _was_tried(folder / name)]
+    tried = {name for name in members for file in (SENSOR_FILE, _REFUSAL_FILE) if (folder / name / file).is_file()}
+    jobs = [(name, member) for name, member in members.items() if name not in tried]
     with tqdm(total=len(jobs), unit="sensor", disable=not (progress and jobs)) as bar:
         for _ in run_writing_jobs(calibrate_simulated_sensor, folder, jobs, workers):
             bar.update()
     refusals = {name: folder / name / _REFUSAL_FILE for name in members}
     return {name: path.read_text() for name, path in refusals.items() if path.is_file()}
-
-
-def _was_tried(folder: Path) -> bool:
-    """Return whether a sensor was calibrated in this folder, or could not be."""
-    return any((folder / name).is_file() for name in (SENSOR_FILE, _REFUSAL_FILE))
 
 
 def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -> None:
@@ -179,8 +169,7 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
 def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
-    scales = read_force_scales(folder).scales
+    scales = dict(read_force_scales(folder).scales)
     if sensor.gel_force_scale is not None:
-        scales = {**scales, TractionForce.name: sensor.gel_force_scale}
-    force_scales = tuple(scales.items())
-    return DatasetSensorCalibration(sensor.shape, sensor.gel, digest, force_scales)
+        scales[TractionForce.name] = sensor.gel_force_scale
+    return DatasetSensorCalibration(sensor.shape, sensor.gel, digest, tuple(scales.items()))

@@ -1,7 +1,8 @@
 """Evaluation of a force estimator on a data set: its wrenches beside the true ones, and the tables of a model card.
 
-`predict_dataset` estimates the wrench of every image with the calibration of the image's own sensor. `evaluate_per_mechanics_kind`
-scores a model on simulated sensors by the mechanics of their gels.
+`predict_dataset` estimates the wrench of every image with the calibration of the image's own sensor.
+`calibrate_on_simulated_loads` gives a simulated sensor a force scale. `evaluate_per_mechanics_kind` scores a model on simulated
+sensors by the mechanics of their gels.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -16,25 +17,33 @@ from msgspec import Meta
 from tqdm import tqdm
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.calibration.force_calibration import estimated_load_n
+from ninedtact.calibration.known_load_fit import ForceScaleImpossible, KnownLoadPress, fit_known_loads
 from ninedtact.design import ForceTorqueMount
 from ninedtact.force.estimator_and_scale import (
     MODULUS_KNOWN,
     ForceEstimator,
+    ForceScale,
     ScaledForceEstimator,
     select_force_scale,
 )
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
+from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.pose import Pose
 from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading, read_frame
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact_train.dataset.calibrated_readings import (
     DatasetSensorCalibration,
     RowsWithReferences,
     iterate_rows_with_references,
 )
+from ninedtact_train.dataset.folder import find_pair_files
 from ninedtact_train.dataset.reader import read_pair_columns
 from ninedtact_train.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
 from ninedtact_train.population.sensor_population import SampledSensor
 from ninedtact_train.workflows.dataset_calibrations import load_dataset_sensors, load_simulated_sensors
-from ninedtact_train.workflows.simulated_force_calibration import calibrate_on_simulated_loads
 
 _Value = TypeVar("_Value")
 _MECHANICS_LABELS = {
@@ -46,6 +55,15 @@ _MECHANICS_LABELS = {
 _KEYS_NOT_IN_CARD = ("published", "by_object", "by_sensor", "axes", "units")
 """Keys of an evaluation that are not stored in a card."""
 _PHYSICS_LABEL = ", by physics"
+_BALL_RADIUS_MM, _START_DEPTH_MM = 5.0, 0.8
+"""Radius of the simulated ball, and the depth at which the search for a load begins."""
+_SIMULATED_PRESSES = ((0.0, 0.0, 1.0), (2.5, 1.5, 1.0), (0.0, 0.0, 2.5), (-2.5, -1.5, 5.0), (2.0, -1.5, 5.0))
+"""Position x and y in mm and load in N of each simulated press; the loads are about 100 to 500 g."""
+_PITCH_MM = 0.3
+"""Pitch of the grid on which simulated presses are solved; a coarse one is enough, because a ball is smooth."""
+_PRESS_STD = 0.08
+"""Relative error of one estimate."""
+_REFERENCE_FRAMES = 8
 
 
 @dataclass(frozen=True)
@@ -87,15 +105,16 @@ def predict_dataset(
     read_pair_columns(data)
     _build_estimator.cache_clear()  # a model file may have been written anew since the last evaluation in this process
     known = load_dataset_sensors(data, settings.sensors, workers, progress)
-    for notice in known.notices():
+    for notice in known.notices:
         notify(notice)
     members = load_simulated_sensors(data)
-    sensors = known.by_name
-    if settings.modulus == "true":
-        sensors = {name: _with_true_modulus(sensor, members.get(name)) for name, sensor in sensors.items()}
+    sensors = dict(known.by_name)
+    for name in sensors.keys() & members.keys() if settings.modulus == "true" else ():
+        gel = replace(sensors[name].gel, shear_modulus_mpa=members[name].gel.shear_modulus_mpa)
+        sensors[name] = replace(sensors[name], gel=gel)
     jobs = (
         (rows, _select(rows.sensors, sensors), _select(rows.sensors, members), settings, _read_model(settings, workers))
-        for rows in iterate_rows_with_references(data, settings.every, known.refused)
+        for rows in iterate_rows_with_references(find_pair_files(data), settings.every, known.refused)
     )
     groups: dict[int, list[_EstimatedPair]] = {}
     with tqdm(unit="pair", disable=not progress) as bar:
@@ -147,13 +166,6 @@ def _estimate_pairs(
     return pairs
 
 
-def _with_true_modulus(sensor: DatasetSensorCalibration, member: SampledSensor | None) -> DatasetSensorCalibration:
-    """Return the calibration of a simulated sensor with the gel's true shear modulus, that of a real sensor as it is."""
-    if member is None:
-        return sensor
-    return replace(sensor, gel=replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa))
-
-
 @lru_cache(maxsize=32)
 def _build_estimator(
     settings: DatasetEvaluationSettings,
@@ -182,6 +194,37 @@ def _build_estimator(
     return calibrate_on_simulated_loads(estimator, member, sensor.shape)
 
 
+def calibrate_on_simulated_loads(
+    estimator: ForceEstimator, member: SampledSensor, shape: CalibratedShape
+) -> ForceEstimator:
+    """Return the estimator with the force scale from five simulated presses of a ball with known loads.
+
+    Where the estimator detects no contact in one of the presses, it is returned without a scale.
+    """
+    presses = []
+    try:
+        for reading, load_n in _simulate_presses(member, shape):
+            estimator.forget()
+            reading = reading.with_force(estimator.estimate(reading))
+            presses.append(KnownLoadPress("a ball", load_n, (estimated_load_n(reading),), _PRESS_STD))
+        fit = fit_known_loads(presses)
+        return ScaledForceEstimator(estimator, ForceScale(fit.factor, fit.error, len(presses)))
+    except ForceScaleImpossible:
+        return estimator
+
+
+def _simulate_presses(member: SampledSensor, shape: CalibratedShape) -> Iterator[tuple[Reading, float]]:
+    """Yield the sensor's reading of every simulated press, and its load in N."""
+    twin = member.twin(_PITCH_MM)
+    depth_reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(-_REFERENCE_FRAMES, 0)))
+    for number, (x, y, load_n) in enumerate(_SIMULATED_PRESSES):
+        pose = Pose(x, y, _START_DEPTH_MM)
+        ball = Ball(_BALL_RADIUS_MM)
+        press = twin.press(None, ball, pose, load_n)
+        reading = read_frame(Frame(twin.renderer(press.corrected, number)), shape, depth_reader)
+        yield reading, float(press.load_n)
+
+
 def evaluate_per_mechanics_kind(
     model: Path, data: Path, workers: int, progress: bool, notify: Callable[[str], None] = lambda _: None
 ) -> dict[str, dict[str, Any]]:
@@ -195,21 +238,12 @@ def evaluate_per_mechanics_kind(
     for force, label in ((str(model), ""), (PHYSICS, _PHYSICS_LABEL)):
         settings = DatasetEvaluationSettings(force, modulus="calibrated")
         predictions = predict_dataset(data, settings, workers, progress=progress, notify=notify)
-        for words, part in _split_by_mechanics(predictions, mechanics):
-            tables[words + label] = _card_table(part)
+        kinds = [mechanics[name] for name in predictions.sensors or ()]
+        for kind, words in _MECHANICS_LABELS.items():
+            if kind in kinds:
+                tables[words + label] = _card_table(predictions.select([one == kind for one in kinds]))
+        tables["all" + label] = _card_table(predictions)
     return tables
-
-
-def _split_by_mechanics(
-    predictions: WrenchPredictions, mechanics: Mapping[str, str]
-) -> Iterator[tuple[str, WrenchPredictions]]:
-    """Yield the predictions for sensors of each kind of mechanics that occurs, then all."""
-    assert predictions.sensors is not None
-    kinds = [mechanics[name] for name in predictions.sensors]
-    for kind, words in _MECHANICS_LABELS.items():
-        if kind in kinds:
-            yield words, predictions.select([one == kind for one in kinds])
-    yield "all", predictions
 
 
 def _card_table(predictions: WrenchPredictions) -> dict[str, Any]:

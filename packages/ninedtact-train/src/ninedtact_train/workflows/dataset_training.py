@@ -63,55 +63,27 @@ def read_training_examples(
 ) -> tuple[TrainingExamples, Sequence[str]]:
     """Read examples and their ids; wrenches are scaled from the shear modulus of each sensor's gel to that of the design."""
     if grid.channels.of_heights:
-        examples, ids = _read_height_examples(data, grid, sensors, workers, progress, notify)
+        known = load_dataset_sensors(data, sensors, workers, progress)
+        for notice in known.notices:
+            notify(notice)
+        heights = load_height_pairs(
+            data, known.by_name, grid.grid, workers=workers, left_out=known.refused, progress=progress
+        )
+        features = {name: sensor_features_of(sensor.shape, sensor.gel).row for name, sensor in known.by_name.items()}
+        ids, names = heights.ids, (heights.objects.tolist(), heights.sensors.tolist())
+        each = np.array([features[name] for name in names[1]])
+        examples = TrainingExamples(heights.z_mm, heights.wrenches, *names, sensor_features=each)
     else:
         for doubt in find_calibration_doubts(data, sensors):
             notify(doubt)
-        examples, ids = _read_image_examples(data, grid, workers, progress)
+        pairs = load_dataset(data, (grid.cols, grid.rows), threads=workers, progress=progress)
+        ids, decoded, names = pairs.ids, pairs.decoded, (pairs.objects.tolist(), pairs.sensors.tolist())
+        examples = TrainingExamples(decoded.images, pairs.wrenches, *names, decoded.references, pairs.reference_rows)
     moduli = {name: gel.shear_modulus_mpa for name, (gel, _) in _read_gels_and_designs(data, sensors).items()}
     usual = Gel().shear_modulus_mpa
-    return examples.scale_to_design_modulus(np.array([moduli.get(name, usual) for name in examples.sensors])), ids
-
-
-def _read_height_examples(
-    data: Path,
-    grid: NetworkInputSettings,
-    sensors: Path | None,
-    workers: int,
-    progress: bool,
-    notify: Callable[[str], None],
-) -> tuple[TrainingExamples, Sequence[str]]:
-    known = load_dataset_sensors(data, sensors, workers, progress)
-    for notice in known.notices():
-        notify(notice)
-    pairs = load_height_pairs(
-        data,
-        known.by_name,
-        grid.grid,
-        workers=workers,
-        left_out=known.refused,
-        progress=progress,
-    )
-    features = {name: sensor_features_of(sensor.shape, sensor.gel).row for name, sensor in known.by_name.items()}
-    names = pairs.objects.tolist(), pairs.sensors.tolist()
-    each = np.array([features[name] for name in names[1]])
-    examples = TrainingExamples(pairs.z_mm, pairs.wrenches, *names, sensor_features=each)
-    return examples, pairs.ids.tolist()
-
-
-def _read_image_examples(
-    data: Path, grid: NetworkInputSettings, workers: int, progress: bool
-) -> tuple[TrainingExamples, Sequence[str]]:
-    pairs = load_dataset(data, (grid.cols, grid.rows), threads=workers, progress=progress)
-    examples = TrainingExamples(
-        pairs.decoded.images,
-        pairs.wrenches,
-        pairs.objects.tolist(),
-        pairs.sensors.tolist(),
-        references=pairs.decoded.references,
-        reference_of=pairs.reference_rows,
-    )
-    return examples, pairs.ids.tolist()
+    return examples.scale_to_design_modulus(
+        np.array([moduli.get(name, usual) for name in examples.sensors])
+    ), ids.tolist()
 
 
 def _read_gels_and_designs(data: Path, sensors: Path | None) -> dict[str, tuple[Gel, SensorDesign]]:

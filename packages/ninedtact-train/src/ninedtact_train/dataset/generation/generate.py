@@ -26,8 +26,13 @@ from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.errors import InputError
 from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
 from ninedtact.simulation.objects.catalogue import mesh_file_of_name
-from ninedtact_train.batched.executor import BatchExecutor, Device, choose_compute_device, run_sessions
-from ninedtact_train.batched.session_requests import SimulatedSetup, run_session_on_cpu
+from ninedtact_train.batched.executor import BatchExecutor, run_sessions
+from ninedtact_train.batched.session_requests import (
+    Device,
+    SimulatedSetup,
+    choose_compute_device,
+    run_session_on_cpu,
+)
 from ninedtact_train.dataset.dataset_card import (
     DatasetStatistics,
     compute_dataset_statistics,
@@ -46,7 +51,7 @@ from ninedtact_train.dataset.generation.press_session import SimulatedPressSessi
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import ReferenceImage
-from ninedtact_train.population.rectified_renderer import rectified_renderer
+from ninedtact_train.population.sensor_population import rectified_renderer
 
 
 def make_simulated_sensor(number: int, settings: GenerationSettings) -> SimulatedSetup:
@@ -57,7 +62,6 @@ def make_simulated_sensor(number: int, settings: GenerationSettings) -> Simulate
 
 @lru_cache(maxsize=2)
 def _cached_setup(number: int, settings: GenerationSettings) -> SimulatedSetup:
-    """Return the simulated sensor of this number, kept while the next one is in use."""
     return make_simulated_sensor(number, settings)
 
 
@@ -94,7 +98,7 @@ def generate_dataset(
         settings: everything that decides about the pairs.
         workers: number of processes, or with a GPU number of threads that make noise and PNG files; or a cluster of processors.
         progress: whether to show a progress bar.
-        device: a name that `simulation.batched.executor` knows.
+        device: a name that `choose_compute_device` knows.
         sessions_per_batch: number of sessions that a GPU advances together.
         notify: is called with a sentence when the memory of a GPU is too small for a batch.
 
@@ -156,7 +160,6 @@ def _begin_generation(out: Path, settings: GenerationSettings, device: str) -> N
 
 
 def _mesh_digests(settings: GenerationSettings) -> dict[str, str]:
-    """Return a digest of the mesh file of every object that is one; raises what `indenter_from_name` raises."""
     files = {name: mesh_file_of_name(name) for name in settings.object_names}
     for name, file in files.items():
         if file is not None:
@@ -206,13 +209,14 @@ def _make_files_in_batches(
         executor = _next_executor(executor, batch, settings, device, sessions_per_batch, notify)
         sessions = {
             file: [
-                SimulatedPressSession(number, settings, executor.setup(number % settings.sensors))
+                SimulatedPressSession(number, settings, executor.setups[number % settings.sensors])
                 for number in settings.sessions_of_file(file)
             ]
             for file in batch
         }
         counted, known = [session for file in unwritten for session in sessions[file]], 0
-        for running in run_sessions([one for own in sessions.values() for one in own], executor, threads):
+        requests = {session.number: session.requests() for own in sessions.values() for session in own}
+        for running in run_sessions(requests, executor, threads):
             new = sum(len(session.rows) for session in counted)
             yield new - known
             known = new
@@ -231,7 +235,7 @@ def _next_executor(
     notify: Callable[[str], None],
 ) -> BatchExecutor:
     """Return an executor with the sensors of these files; it keeps the setups and the batch size of the last one."""
-    before = dict(zip(last.sensor_numbers, last.setups, strict=True)) if last else {}
+    before = last.setups if last else {}
     numbers = sorted({session % settings.sensors for file in batch for session in settings.sessions_of_file(file)})
-    setups = [before.get(number) or make_simulated_sensor(number, settings) for number in numbers]
-    return BatchExecutor(numbers, setups, device, last.batch_size if last else sessions_per_batch, notify)
+    setups = {number: before.get(number) or make_simulated_sensor(number, settings) for number in numbers}
+    return BatchExecutor(setups, device, last.batch_size if last else sessions_per_batch, notify)

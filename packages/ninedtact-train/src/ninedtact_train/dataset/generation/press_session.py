@@ -117,7 +117,6 @@ class SimulatedPressSession:
         return RandomPress(self.setup, indenter, self.settings.press, self._rng)
 
     def _add_row(self, contact: Press | None, object_name: str, kind: str) -> RequestGenerator[None]:
-        """Request an image of the contact and add it with its wrench."""
         self._missing[kind] -= 1
         wrench = contact.wrench.six if contact else np.zeros(6)
         factor = yield RenderRequest(self.setup, contact.corrected if contact else None)

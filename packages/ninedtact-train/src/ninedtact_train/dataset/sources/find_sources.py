@@ -61,7 +61,7 @@ def _open_source(name: str, path: Path, conventions: SourceConventions, several:
     if any((path / "data").glob("*.parquet")):
         return ExistingDatasetSource(name, path, several)
     if _contains_suffix(path, RECORDING_SUFFIX):
-        return RecordingsSource(name, path, conventions=conventions)
+        return RecordingsSource(name, path, conventions=SourceConventions(sensor=conventions.sensor))
     if _contains_suffix(path, EPISODE_SUFFIX):
         return TactileTransformerSource(name, path, conventions=conventions)
     raise InputError(expected=f"{_KINDS}", got=f"{path} with none of them", remedy="name the folder that holds them")

@@ -9,7 +9,7 @@ so that a split by contact keeps them together. Torques are about the force/torq
 (docs/references.md).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
@@ -28,7 +28,7 @@ from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.parquet_files import encode_png
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact_train.dataset.sources.source import Source, SourceConventions, SourcePart
+from ninedtact_train.dataset.sources.source import Source
 
 _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
 _NORM_SUFFIX = "_norm"
@@ -38,10 +38,6 @@ _NORM_TOLERANCE = 1e-5
 
 _GreyImage = UInt8[Array, "rows cols"]
 _Faults = list[tuple[PairFault, str]]
-
-
-class WrenchFileUnreadable(FileFormatError):
-    """Raised for a file that does not hold six numbers."""
 
 
 def find_original_dataset(path: Path) -> Path | None:
@@ -63,51 +59,7 @@ class _PairFiles:
     wrench: Path | None = None
     norm: Path | None = None
 
-    def items(self, source: str, conventions: SourceConventions, given: ReferenceImage | None) -> Iterator[SourceItem]:
-        """Yield the reference image and the row, or why there is no row; given: a reference image that a person named."""
-        name = f"{source}/{self.object}/{self.stem}"
-        if self.wrench is None:
-            only = " (only its _norm.npy)" if self.norm else ""
-            message = f"expected wrench/{self.object}/{self.stem}.npy, got none{only}"
-            yield RejectedItem(PairFault.MISSING_WRENCH, name, message)
-            return
-        if self.image is None and self.mixed is None:
-            message = f"expected {self.stem}.png in image/{self.object} or mixed_image/{self.object}, got none"
-            yield RejectedItem(PairFault.MISSING_IMAGE, name, message)
-            return
-        try:
-            yield from self._read_pair(name, source, conventions, given)
-        except NinedtactError as error:
-            yield RejectedItem(PairFault.UNREADABLE, name, str(error))
-
-    def _read_pair(
-        self, name: str, source: str, conventions: SourceConventions, given: ReferenceImage | None
-    ) -> Iterator[SourceItem]:
-        """Yield the reference image and the row; raises what reading raises."""
-        faults: _Faults = []
-        measured = self._read_wrench(faults)
-        grey, reference_grey = self._read_images(faults)
-        sensor = conventions.sensor_name or source
-        reference = given if reference_grey is None else _make_reference(reference_grey, source, sensor)
-        if reference:
-            yield reference
-        yield DatasetRow(
-            id=name,
-            image=encode_png(grey),
-            reference_id=reference.reference_id if reference else None,
-            wrench=conventions.wrench_about_skin(measured, _USUAL_ORIGIN_MM),
-            object=f"{source}/{self.object}",
-            contact_id=f"{source}/{self.object}",
-            step=int(self.stem) if self.stem.isdecimal() and len(self.stem) < 10 else 0,
-            time_ns=None,
-            sensor=sensor,
-            kind="rule",
-            source=source,
-            mm_per_px=conventions.mm_per_px,
-            faults=tuple(faults),
-        )
-
-    def _read_wrench(self, faults: _Faults) -> Float64[Array, "6"]:
+    def read_wrench(self, faults: _Faults) -> Float64[Array, "6"]:
         """Return the wrench as the force/torque sensor measured it, compared with its normalised copy."""
         assert self.wrench is not None
         wrench = _read_six_numbers(self.wrench)
@@ -118,11 +70,11 @@ class _PairFiles:
                 if np.isfinite(wrench).all() and not difference < _NORM_TOLERANCE:
                     message = f"{self.norm.name} differs by {difference:.2g} of the range"
                     faults.append((PairFault.NORM_DIFFERS, message))
-            except WrenchFileUnreadable as error:
+            except FileFormatError as error:
                 faults.append((PairFault.NORM_DIFFERS, str(error)))
         return wrench
 
-    def _read_images(self, faults: _Faults) -> tuple[_GreyImage, _GreyImage | None]:
+    def read_images(self, faults: _Faults) -> tuple[_GreyImage, _GreyImage | None]:
         """Return the grey image, and the reference image if there is one; raises `FileFormatError`, `NotAMixedImage`."""
         image = None if self.image is None else _read_grey_image(self.image)
         if self.mixed is None:
@@ -145,51 +97,19 @@ class _PairFiles:
 
 
 def _read_six_numbers(path: Path) -> Float64[Array, "6"]:
-    """Return six numbers of a .npy file, finite or not; raises `WrenchFileUnreadable`."""
     try:
         numbers = np.load(path, allow_pickle=False)
     except NPY_READ_ERRORS as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise WrenchFileUnreadable(f"expected six numbers in {path}, got: {reason}; copy the file again") from error
+        raise FileFormatError(f"expected six numbers in {path}, got: {reason}; copy the file again") from error
     if not isinstance(numbers, np.ndarray) or numbers.dtype.kind not in "iuf" or numbers.size != 6:
         got = f"{numbers.dtype} of shape {numbers.shape}" if isinstance(numbers, np.ndarray) else "an archive"
-        raise WrenchFileUnreadable(expected=f"six numbers in {path}", got=f"{got}", remedy="copy the file again")
+        raise FileFormatError(expected=f"six numbers in {path}", got=f"{got}", remedy="copy the file again")
     return numbers.astype(float).ravel()
 
 
 def _read_grey_image(path: Path) -> _GreyImage:
     return to_whole_grey_levels(read_image(path), 1.0).grey.astype(np.uint8)
-
-
-def _make_reference(grey: _GreyImage, source: str, sensor: str) -> ReferenceImage:
-    """Return a reference image whose id is a digest of its pixels, so that equal ones are stored once."""
-    digest = blake2b(grey.tobytes(), digest_size=6).hexdigest()
-    return ReferenceImage(f"{source}/{digest}", encode_png(grey), sensor)
-
-
-@dataclass(frozen=True)
-class _PairsPart(SourcePart):
-    """Some hundred pairs of the folder, or its files that belong to no pair."""
-
-    conventions: SourceConventions
-    pairs: tuple[_PairFiles, ...] = ()
-    stray: tuple[str, ...] = ()
-
-    def items(self) -> Iterator[SourceItem]:
-        """Yield the pairs, every reference image once before the first pair that names it, and a rejection for stray files."""
-        known: set[str] = set()
-        path, sensor = self.conventions.reference, self.conventions.sensor_name or self.source
-        given = _make_reference(_read_grey_image(path), self.source, sensor) if path else None
-        for pair in self.pairs:
-            for item in pair.items(self.source, self.conventions, given):
-                if isinstance(item, ReferenceImage):
-                    if item.reference_id in known:
-                        continue
-                    known.add(item.reference_id)
-                yield item
-        for name in self.stray:
-            message = f"{name} is neither <object>/<n>.png nor <object>/<n>.npy"
-            yield RejectedItem(PairFault.UNREADABLE, f"{self.source}/{name}", message)
 
 
 @dataclass(frozen=True)
@@ -204,7 +124,7 @@ class OriginalDatasetSource(Source):
 
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated about the folder."""
-        yield from self.conventions.statement_lines()
+        yield from super().statement_lines()
         if self.conventions.reference is not None:
             yield f"images without a mixed_image have the reference image {self.conventions.reference.name}"
 
@@ -214,8 +134,8 @@ class OriginalDatasetSource(Source):
         found = (path for folder in (_IMAGE, _MIXED, _WRENCH) for path in (root / folder).rglob("*"))
         return sorted(path for path in found if not _is_hidden_file(path, root) and path.is_file())
 
-    def parts(self) -> list[SourcePart]:
-        """Return parts of some hundred pairs, with objects in counting order."""
+    def parts(self) -> Sequence[Sequence[_PairFiles | str]]:
+        """Return parts of some hundred pairs, with objects in counting order, and one of the files that belong to no pair."""
         pairs, stray = _group_files(self.root, self.files())
         if not pairs:
             raise InputError(
@@ -223,11 +143,71 @@ class OriginalDatasetSource(Source):
                 got="none",
                 remedy="copy the whole Dataset folder of the original project",
             )
-        cuts = range(0, len(pairs), _PAIRS_PER_PART)
-        parts: list[SourcePart] = [
-            _PairsPart(self.name, self.conventions, tuple(pairs[at : at + _PAIRS_PER_PART])) for at in cuts
-        ]
-        return [*parts, _PairsPart(self.name, self.conventions, stray=tuple(stray))] if stray else parts
+        parts = [pairs[at : at + _PAIRS_PER_PART] for at in range(0, len(pairs), _PAIRS_PER_PART)]
+        return [*parts, stray] if stray else parts
+
+    def items(self, part: Sequence[_PairFiles | str]) -> Iterator[SourceItem]:
+        """Yield the pairs, every reference image once before the first pair that names it, and a rejection for stray files."""
+        known: set[str] = set()
+        path = self.conventions.reference
+        given = self._make_reference(_read_grey_image(path)) if path else None
+        for one in part:
+            for item in self._reject_stray(one) if isinstance(one, str) else self._read_pair(one, given):
+                if isinstance(item, ReferenceImage):
+                    if item.reference_id in known:
+                        continue
+                    known.add(item.reference_id)
+                yield item
+
+    def _reject_stray(self, name: str) -> Iterator[RejectedItem]:
+        message = f"{name} is neither <object>/<n>.png nor <object>/<n>.npy"
+        yield RejectedItem(PairFault.UNREADABLE, f"{self.name}/{name}", message)
+
+    def _read_pair(self, pair: _PairFiles, given: ReferenceImage | None) -> Iterator[SourceItem]:
+        """Yield the reference image and the row, or why there is no row; given: a reference image that a person named."""
+        name, folder, stem = f"{self.name}/{pair.object}/{pair.stem}", pair.object, pair.stem
+        if pair.wrench is None:
+            message = f"expected wrench/{folder}/{stem}.npy, got none{' (only its _norm.npy)' if pair.norm else ''}"
+            yield RejectedItem(PairFault.MISSING_WRENCH, name, message)
+            return
+        if pair.image is None and pair.mixed is None:
+            message = f"expected {stem}.png in image/{folder} or mixed_image/{folder}, got none"
+            yield RejectedItem(PairFault.MISSING_IMAGE, name, message)
+            return
+        faults: _Faults = []
+        try:
+            measured = pair.read_wrench(faults)
+            grey, reference_grey = pair.read_images(faults)
+        except NinedtactError as error:
+            yield RejectedItem(PairFault.UNREADABLE, name, str(error))
+            return
+        reference = given if reference_grey is None else self._make_reference(reference_grey)
+        if reference:
+            yield reference
+        yield DatasetRow(
+            id=name,
+            image=encode_png(grey),
+            reference_id=reference.reference_id if reference else None,
+            wrench=self.conventions.wrench_about_skin(measured, _USUAL_ORIGIN_MM),
+            object=f"{self.name}/{folder}",
+            contact_id=f"{self.name}/{folder}",
+            step=int(stem) if stem.isdecimal() and len(stem) < 10 else 0,
+            time_ns=None,
+            sensor=self._sensor,
+            kind="rule",
+            source=self.name,
+            mm_per_px=self.conventions.mm_per_px,
+            faults=tuple(faults),
+        )
+
+    def _make_reference(self, grey: _GreyImage) -> ReferenceImage:
+        """Return a reference image whose id is a digest of its pixels, so that equal ones are stored once."""
+        digest = blake2b(grey.tobytes(), digest_size=6).hexdigest()
+        return ReferenceImage(f"{self.name}/{digest}", encode_png(grey), self._sensor)
+
+    @property
+    def _sensor(self) -> str:
+        return self.conventions.sensor_name or self.name
 
     @property
     def root(self) -> Path:

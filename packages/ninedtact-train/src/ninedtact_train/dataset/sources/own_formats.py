@@ -23,7 +23,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import NO_OBJECT, Frame
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.lens_and_rectification import Rectification
-from ninedtact_train.collecting.collected_pairs import RecordedPair, TareReferenceImages
+from ninedtact_train.collecting.collected_pairs import RecordedPair, TareReferenceImages, read_recorded_pairs
 from ninedtact_train.dataset.fault_report import PairFault
 from ninedtact_train.dataset.folder import (
     REFERENCES_FILE,
@@ -42,96 +42,9 @@ from ninedtact_train.dataset.parquet_files import (
     stored_image_bytes,
 )
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
-from ninedtact_train.dataset.sources.source import (
-    Source,
-    SourcePart,
-    find_files_with_suffix,
-    relative_path_without_suffix,
-)
+from ninedtact_train.dataset.sources.source import Source, find_files_with_suffix
 
 RECORDING_SUFFIX = ".mcap"
-
-
-@dataclass(frozen=True)
-class _RecordingPart(SourcePart):
-    """One recording."""
-
-    file: Path
-    name: str
-    sensor_folder: Path | None
-    """Sensor folder that replaces the attached one."""
-
-    def items(self) -> Iterator[SourceItem]:
-        """Yield the saved pairs and, before each stretch of them, their reference image; last, what is wrong with the file."""
-        try:
-            yield from self._pairs()
-        except SourceIncomplete as error:
-            yield RejectedItem(PairFault.MISSING_END, f"{self.source}/{self.name}", str(error))
-        except NinedtactError as error:
-            yield RejectedItem(PairFault.UNREADABLE, f"{self.source}/{self.name}", str(error))
-
-    def _pairs(self) -> Iterator[SourceItem]:
-        """Yield the saved pairs and their reference images; raises what reading raises."""
-        from ninedtact_train.collecting.collected_pairs import read_recorded_pairs
-
-        rectify = self._load_rectification()
-        known: set[str] = set()
-        steps: Counter[str] = Counter()
-        for pair in read_recorded_pairs(self.file):
-            if pair.reference.id not in known:
-                known.add(pair.reference.id)
-                yield _mean_reference(pair.reference, pair.sensor, rectify)
-            yield self._make_row(pair, steps[pair.contact], rectify)
-            steps[pair.contact] += 1
-
-    def _load_rectification(self) -> Rectification:
-        """Return the rectification of the given or attached sensor folder.
-
-        Raises `RecordingUnreadable`, `SensorFolderDamaged`, and `InputError` where the given folder is that of another sensor.
-        """
-        from ninedtact.recording.reader import Recording, extract_sensor_folder
-
-        if self.sensor_folder is not None:
-            given = load_sensor(self.sensor_folder)
-            with Recording(self.file) as recording:
-                if recording.sensor_files() and recording.sensor != given.id:
-                    raise InputError(
-                        expected=f"the sensor folder of {recording.sensor!r}, which took these images",
-                        got=f"that of {given.id!r}",
-                        remedy="build the recordings of one sensor at a time, or without --sensor",
-                    )
-            return given.rectification
-        with TemporaryDirectory() as folder:
-            return load_sensor(extract_sensor_folder(self.file, Path(folder) / "sensor")).rectification
-
-    def _make_row(self, pair: RecordedPair, step: int, rectify: Rectification) -> DatasetRow:
-        stamps_ns = pair.wrench.stamp_ns, pair.time_ns
-        return DatasetRow(
-            id=f"{pair.contact}/{step:03d}",
-            image=_encode_grey_levels(rectify(Frame(pair.image)).grey),
-            reference_id=pair.reference.id,
-            wrench=pair.wrench.about_skin_centre().six.astype(np.float32),
-            object=pair.object,
-            contact_id=pair.contact,
-            step=step,
-            time_ns=pair.time_ns,
-            sensor=pair.sensor,
-            kind=pair.kind,
-            source=self.source,
-            mm_per_px=rectify.mm_per_px,
-            wrench_delay_ms=(stamps_ns[0] - stamps_ns[1]) / 1e6 if all(stamps_ns) else None,
-        )
-
-
-def _mean_reference(references: TareReferenceImages, sensor: str, rectify: Rectification) -> ReferenceImage:
-    """Return the mean of the reference images, as the live sensor computes it."""
-    mean = mean_rectified_image([rectify(Frame(image)) for image in references.images])
-    return ReferenceImage(references.id, _encode_grey_levels(mean.grey), sensor)
-
-
-def _encode_grey_levels(grey: Float32[Array, "rows cols"]) -> bytes:
-    """Return a grey image, rounded to whole levels, as a PNG file."""
-    return encode_png(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
 
 
 @dataclass(frozen=True)
@@ -153,35 +66,106 @@ class RecordingsSource(Source):
             with suppress(NinedtactError), Recording(file) as recording:  # one that cannot be read is in the report
                 yield recording.sensor, recording.sensor_files() if given is None else read_folder_files(given)
 
-    def parts(self) -> list[SourcePart]:
-        """Return one part for each recording."""
-        folder = self.conventions.sensor
-        return [
-            _RecordingPart(self.name, file, relative_path_without_suffix(file, self.root), folder)
-            for file in self.files()
-        ]
+    def items(self, part: Path) -> Iterator[SourceItem]:
+        """Yield the saved pairs and, before each stretch of them, their reference image; last, what is wrong with the file."""
+        try:
+            yield from self._pairs(part)
+        except SourceIncomplete as error:
+            yield RejectedItem(PairFault.MISSING_END, self.name_of(part), str(error))
+        except NinedtactError as error:
+            yield RejectedItem(PairFault.UNREADABLE, self.name_of(part), str(error))
+
+    def _pairs(self, file: Path) -> Iterator[SourceItem]:
+        rectify = self._load_rectification(file)
+        known: set[str] = set()
+        steps: Counter[str] = Counter()
+        for pair in read_recorded_pairs(file):
+            if pair.reference.id not in known:
+                known.add(pair.reference.id)
+                yield _mean_reference(pair.reference, pair.sensor, rectify)
+            yield self._make_row(pair, steps[pair.contact], rectify)
+            steps[pair.contact] += 1
+
+    def _load_rectification(self, file: Path) -> Rectification:
+        """Return the rectification of the given or attached sensor folder.
+
+        Raises `RecordingUnreadable`, `SensorFolderDamaged`, and `InputError` where the given folder is that of another sensor.
+        """
+        from ninedtact.recording.reader import Recording, extract_sensor_folder
+
+        if self.conventions.sensor is None:
+            with TemporaryDirectory() as folder:
+                return load_sensor(extract_sensor_folder(file, Path(folder) / "sensor")).rectification
+        given = load_sensor(self.conventions.sensor)
+        with Recording(file) as recording:
+            if recording.sensor_files() and recording.sensor != given.id:
+                raise InputError(
+                    expected=f"the sensor folder of {recording.sensor!r}, which took these images",
+                    got=f"that of {given.id!r}",
+                    remedy="build the recordings of one sensor at a time, or without --sensor",
+                )
+        return given.rectification
+
+    def _make_row(self, pair: RecordedPair, step: int, rectify: Rectification) -> DatasetRow:
+        stamps_ns = pair.wrench.stamp_ns, pair.time_ns
+        return DatasetRow(
+            id=f"{pair.contact}/{step:03d}",
+            image=_encode_grey_levels(rectify(Frame(pair.image)).grey),
+            reference_id=pair.reference.id,
+            wrench=pair.wrench.about_skin_centre().six.astype(np.float32),
+            object=pair.object,
+            contact_id=pair.contact,
+            step=step,
+            time_ns=pair.time_ns,
+            sensor=pair.sensor,
+            kind=pair.kind,
+            source=self.name,
+            mm_per_px=rectify.mm_per_px,
+            wrench_delay_ms=(stamps_ns[0] - stamps_ns[1]) / 1e6 if all(stamps_ns) else None,
+        )
+
+
+def _mean_reference(references: TareReferenceImages, sensor: str, rectify: Rectification) -> ReferenceImage:
+    mean = mean_rectified_image([rectify(Frame(image)) for image in references.images])
+    return ReferenceImage(references.id, _encode_grey_levels(mean.grey), sensor)
+
+
+def _encode_grey_levels(grey: Float32[Array, "rows cols"]) -> bytes:
+    """Return a grey image, rounded to whole levels, as a PNG file."""
+    return encode_png(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
 
 
 @dataclass(frozen=True)
-class _FilePart(SourcePart):
-    """One file of pairs."""
+class ExistingDatasetSource(Source):
+    """A source of the pairs of another data set in the current format."""
 
-    file: Path
-    references: Path
-    several: bool
+    several: bool = False
     """Whether the name of the source must precede the ids, because there are several sources."""
-    objects_seed: int
-    """Seed of the generated objects: a name and a seed are one shape."""
+    description = "a data set in these columns"
 
-    def items(self) -> Iterator[SourceItem]:
-        """Yield the reference images that its rows name, then its rows."""
-        wanted = {row["reference_id"] for row in iterate_rows(self.file, ["reference_id"])}
-        for row in iterate_rows(self.references):
+    def statement_lines(self) -> Iterator[str]:
+        """Yield the seeds of a generated data set."""
+        settings = self._settings
+        if "objects_seed" in settings:
+            seeds = f"seed {settings.get('seed')}, objects' seed {self._objects_seed}"
+            yield f"generated by ninedtact {settings.get('ninedtact')}, {seeds}"
+
+    def files(self) -> list[Path]:
+        """Return the files of pairs and of reference images."""
+        return [*self.parts(), self.path / REFERENCES_FILE]
+
+    def parts(self) -> list[Path]:
+        """Return the files of pairs."""
+        return find_pair_files(self.path)
+
+    def items(self, part: Path) -> Iterator[SourceItem]:
+        """Yield the reference images that the rows of a file name, then its rows."""
+        wanted = {row["reference_id"] for row in iterate_rows(part, ["reference_id"])}
+        for row in iterate_rows(self.path / REFERENCES_FILE):
             if row["reference_id"] in wanted:
                 name = self._make_unique(row["reference_id"])
                 yield ReferenceImage(name, stored_image_bytes(row["image"]) or b"", row["sensor"] or "")
-        for row in iterate_rows(self.file):
-            yield self._read_row(row)
+        yield from map(self._read_row, iterate_rows(part))
 
     def _read_row(self, row: dict[str, Any]) -> DatasetRow | RejectedItem:
         row_id, content, reference_id = (
@@ -203,47 +187,19 @@ class _FilePart(SourcePart):
             contact_id=self._make_unique(row["contact_id"] or row["id"]),
             step=row["step"] or 0,
             time_ns=row["time_ns"],
-            sensor=row["sensor"] or self.source,
+            sensor=row["sensor"] or self.name,
             kind=row["kind"] or "rule",
-            source=self._make_unique(row["source"]) if row["source"] else self.source,
+            source=self._make_unique(row["source"]) if row["source"] else self.name,
             mm_per_px=row["mm_per_px"],
             wrench_delay_ms=row["wrench_delay_ms"],
         )
 
     def _make_unique(self, own: str) -> str:
-        """Return an id that differs from those of other sources."""
-        return f"{self.source}/{own}" if self.several else own
+        return f"{self.name}/{own}" if self.several else own
 
     def _object_name(self, name: str) -> str:
-        """Return a name that identifies one shape."""
-        return name if name == NO_OBJECT or not self.objects_seed else f"{name}@{self.objects_seed}"
-
-
-@dataclass(frozen=True)
-class ExistingDatasetSource(Source):
-    """A source of the pairs of another data set in the current format."""
-
-    several: bool = False
-    description = "a data set in these columns"
-
-    def statement_lines(self) -> Iterator[str]:
-        """Yield the seeds of a generated data set."""
-        settings = self._settings
-        if "objects_seed" in settings:
-            seeds = f"seed {settings.get('seed')}, objects' seed {self._objects_seed}"
-            yield f"generated by ninedtact {settings.get('ninedtact')}, {seeds}"
-
-    def files(self) -> list[Path]:
-        """Return the files of pairs and of reference images."""
-        return [*find_pair_files(self.path), self.path / REFERENCES_FILE]
-
-    def parts(self) -> list[SourcePart]:
-        """Return one part for each file of pairs."""
-        references = self.path / REFERENCES_FILE
-        return [
-            _FilePart(self.name, file, references, self.several, self._objects_seed)
-            for file in find_pair_files(self.path)
-        ]
+        """Return a name that identifies one shape: a name and a seed of generated objects are one."""
+        return name if name == NO_OBJECT or not self._objects_seed else f"{name}@{self._objects_seed}"
 
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
         """Yield each sensor that was calibrated with the files of its folder."""

@@ -2,7 +2,7 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from hashlib import blake2b
 from pathlib import Path
@@ -94,17 +94,6 @@ def _parse_axes(text: str) -> list[str]:
 
 
 @dataclass(frozen=True)
-class SourcePart(ABC):
-    """A piece of a source that becomes one file."""
-
-    source: str
-
-    @abstractmethod
-    def items(self) -> Iterator[SourceItem]:
-        """Yield all items of the part, a reference image before the rows that name it."""
-
-
-@dataclass(frozen=True)
 class Source(ABC):
     """A place that holds pairs. Ids are unique within it; the name distinguishes it from other sources."""
 
@@ -121,8 +110,12 @@ class Source(ABC):
         """Return all files that the source is read from."""
 
     @abstractmethod
-    def parts(self) -> list[SourcePart]:
-        """Return the parts in order."""
+    def items(self, part: Any) -> Iterator[SourceItem]:
+        """Yield all items of one of the parts, a reference image before the rows that name it."""
+
+    def parts(self) -> Sequence[Any]:
+        """Return the parts in order, by default the files."""
+        return self.files()
 
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
         """Yield the name of each sensor whose calibration the source carries, and the files of its folder by their paths."""
@@ -134,7 +127,7 @@ class Source(ABC):
 
     def statement_lines(self) -> Iterator[str]:
         """Yield what was stated about the source as phrases for the card."""
-        return iter(())
+        return self.conventions.statement_lines()
 
     def fingerprint(self) -> str:
         """Return a digest that changes when a file of the source, or one that was stated, is added, removed or written again."""
@@ -151,6 +144,10 @@ class Source(ABC):
         """The folder that the files are in."""
         return self.path if self.path.is_dir() else self.path.parent
 
+    def name_of(self, file: Path) -> str:
+        """Return the name of a file among those of all sources: its path below the root, without suffix."""
+        return f"{self.name}/{file.relative_to(self.root).with_suffix('').as_posix()}"
+
 
 def find_files_with_suffix(path: Path, suffix: str) -> list[Path]:
     """Return a file itself, or the files with this suffix in a folder, numbers in counting order."""
@@ -158,8 +155,3 @@ def find_files_with_suffix(path: Path, suffix: str) -> list[Path]:
         return [path]
     found = (file for file in path.rglob(f"*{suffix}") if not file.name.startswith("."))
     return sorted(found, key=lambda file: (natural_sort_key(file.relative_to(path)), file))
-
-
-def relative_path_without_suffix(file: Path, root: Path) -> str:
-    """Return a file's path below its source without the suffix."""
-    return file.relative_to(root).with_suffix("").as_posix()
