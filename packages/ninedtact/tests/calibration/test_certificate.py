@@ -159,7 +159,7 @@ def test_page_says_what_the_record_holds(hostile: Read) -> None:
 def test_real_sensor_passes(calibrated_a: Calibration) -> None:
     certificate = calibrated_a.record.certificate
     assert certificate is not None and overall_check_level(certificate) == "pass" and not certificate.warnings
-    assert certificate.ball.method == "physics" and certificate.ball.reconstruction_mae_mm <= 0.025
+    assert certificate.ball.method == "physics" and certificate.ball.reconstruction_mae_mm <= 0.027
     assert "ready" in certificate_headline(certificate)
 
 

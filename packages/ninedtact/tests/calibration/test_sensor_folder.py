@@ -47,8 +47,8 @@ def folder(sensor_a: SensorFolder, tmp_path: Path) -> Path:
     return shutil.copytree(sensor_a.path, tmp_path / "sensor")
 
 
-def test_what_is_read_is_what_was_written(folder: Path, calibrated_a: Calibration) -> None:
-    sensor = load_sensor(folder)
+def test_what_is_read_is_what_was_written(calibrated_a: Calibration, tmp_path: Path) -> None:
+    sensor = load_sensor(save_sensor(tmp_path / "sensor", calibrated_a).path)
     kept = msgspec.structs.replace(sensor.record, images={})
     assert kept == calibrated_a.record
     assert np.array_equal(sensor.rectification.source_px, calibrated_a.rectify.source_px)
