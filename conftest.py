@@ -47,6 +47,7 @@ _LONGEST_FILES = (
     "test_board.py",
     "test_calibration_session.py",
     "test_sensor_folder.py",
+    "test_free_pressing.py",
     "test_calibration_page.py",
     "test_force_calibration_page.py",
     "test_recordings_on_page.py",

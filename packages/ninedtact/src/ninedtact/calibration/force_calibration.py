@@ -5,16 +5,19 @@ Every press is estimated on a few assumed bases of the gel, on each of which the
 found, so that depth, twin and force have one gel. A network has no gel; known loads give it a factor, kept in `force.toml`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
+from ninedtact.calibration.free_pressing.known_pressing import KeptOutErrors, KnownPressing
+from ninedtact.calibration.free_pressing.pressing import FreePressing
 from ninedtact.calibration.known_load_fit import (
     AssumedBases,
     ForceScaleImpossible,
@@ -152,31 +155,38 @@ class KnownLoadCalibration:
         """Return what the loads say; raises `ForceScaleImpossible`."""
         return fit_known_loads(presses, self.bases)
 
+    def align(self, pressing: FreePressing) -> KnownPressing:
+        """Return free pressing, estimated on all bases and aligned; raises `PressingUnusable` and what reading raises."""
+        return KnownPressing(pressing, self.sensor, self._estimators, self.bases)
+
     def adapted_sensor(
-        self, fit: KnownLoadFit, presses: Sequence[KnownLoadPress], images: Sequence[PressImage]
+        self,
+        fit: KnownLoadFit,
+        presses: Sequence[KnownLoadPress],
+        images: Sequence[PressImage],
+        readings: Mapping[str, Reading] = MappingProxyType({}),
     ) -> SensorFolder:
         """Return the sensor, not saved, with the gel that a fit found; of a sensor without a search for the gel the sensor itself.
 
-        images: those of the presses, in the same order; the ball of the calibration has none. The modulus is taken from them again
-        on the base that was found, because estimates between the assumed bases are interpolated.
+        images: those of the presses; the ball of the calibration has none. readings: of presses without images of their own, by
+        their names. The modulus is taken from them again on the base that was found, because estimates between the assumed bases
+        are interpolated.
         """
         if not self.finds_gel:
             return self.sensor
         sensor = self.sensor
         if self.bases.is_searched:
             sensor = sensor_on_base(sensor, KnownBase(fit.ratio, fit.ratio_std))
-        estimator, by_name = self._estimator_of(sensor), {image.name: image for image in images}
-        found = [
-            replace(press, estimated_n=(load_on_calibration_ball_n(sensor),), calibrated=0)
-            if press.name == CALIBRATION_BALL
-            else _estimate(
-                by_name[press.name],
-                press.weighed_n / weight_of_grams_n(1.0),
-                self._reader.read(by_name[press.name]),
-                [estimator],
-            )
-            for press in presses
-        ]
+        estimator = self._estimator_of(sensor)
+        readings = {**{image.name: self._reader.read(image) for image in images}, **readings}
+        found = []
+        for press in presses:
+            if press.name == CALIBRATION_BALL:
+                load_n = load_on_calibration_ball_n(sensor)
+            else:
+                estimator.forget()
+                load_n = estimated_load_n(readings[press.name].with_force(estimator.estimate(readings[press.name])))
+            found.append(replace(press, estimated_n=(load_n,), calibrated=0))
         factor = fit_known_loads(found).factor
         twin = sensor.record.twin
         assert twin is not None
@@ -189,6 +199,8 @@ class KnownLoadCalibration:
             correlation=fit.correlation,
             calibrated_modulus_ratio=self.bases.mean,
             calibrated_modulus_ratio_std=self.bases.std,
+            shear_factor=fit.shear_factor,
+            shear_std=fit.shear_std,
         )
         record = msgspec.structs.replace(sensor.record, twin=msgspec.structs.replace(twin, gel=gel), known_loads=table)
         return SensorFolder(sensor.path, record)
@@ -199,7 +211,7 @@ class KnownLoadCalibration:
         sensor: the adapted sensor. A factor of a network belongs to the gel before, so that `force.toml` is removed with it.
         """
         if not self.finds_gel:
-            scale = ForceScale(fit.factor, fit.error, len(fit.deviations))
+            scale = ForceScale(fit.factor, fit.error, len(fit.deviations), fit.shear_factor, fit.shear_std)
             return write_force_scale(sensor.path, self.estimator, scale)
         write_file_atomically(sensor.path / SENSOR_FILE, to_sensor_toml(sensor.record))
         (sensor.path / FORCE_SCALE_FILE).unlink(missing_ok=True)
@@ -279,6 +291,10 @@ class ForceCalibration:
     """Whether the loads determined the gel; otherwise a factor."""
     file: Path | None
     """File that it was saved in; None where it was not saved."""
+    pressing: KnownPressing | None = None
+    """What free pressing told, where there was some."""
+    kept_out: KeptOutErrors | None = None
+    """Errors of contacts of the free pressing that were left out of the fit."""
 
 
 def calibrate_force(
@@ -288,12 +304,13 @@ def calibrate_force(
     force: str = PHYSICS,
     ball_grams: float | None = None,
     save: bool = True,
+    pressing: FreePressing | None = None,
 ) -> ForceCalibration:
     """Calibrate the force of a sensor with images of presses and their loads, and save the result in the sensor folder.
 
     reference: images without contact. presses: images with the load of each in grams. force: the estimator, as after `--force`.
-    ball_grams: load on the ball of the calibration when its image was taken. Raises `InputError`, `ForceScaleImpossible`, and what
-    reading images and sensor folders raises.
+    ball_grams: load on the ball of the calibration when its image was taken. pressing: free pressing with a force/torque sensor,
+    open. Raises `InputError`, `ForceScaleImpossible`, `PressingUnusable`, and what reading images and sensor folders raises.
     """
     _require_estimator(force)
     _require_one_load_for_each_image(presses)
@@ -309,10 +326,18 @@ def calibrate_force(
     known = [calibration.estimate(image, grams) for image, (_, grams) in zip(images, presses, strict=True)]
     if ball_grams is not None:
         known.append(calibration.estimate_calibration_ball(ball_grams))
+    aligned = None if pressing is None else calibration.align(pressing)
+    weighed, readings, kept_out = list(known), dict[str, Reading](), None
+    if aligned is not None:
+        known, readings = [*weighed, *aligned.presses(weighed)], aligned.readings
     fit = calibration.fit(known)
-    sensor = calibration.adapted_sensor(fit, known, images)
+    if aligned is not None:
+        fit, kept_out = aligned.with_shear(fit), aligned.kept_out_errors(weighed)
+    sensor = calibration.adapted_sensor(fit, known, images, readings)
     file = calibration.save(fit, sensor) if save else None
-    return ForceCalibration(calibration.estimator.name, fit, known, sensor, calibration.finds_gel, file)
+    return ForceCalibration(
+        calibration.estimator.name, fit, known, sensor, calibration.finds_gel, file, aligned, kept_out
+    )
 
 
 def _require_usable(

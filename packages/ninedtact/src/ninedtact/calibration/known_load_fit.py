@@ -193,6 +193,10 @@ class KnownLoadFit:
     """The same of each press as the others predict it; None for a single press."""
     deviations: tuple[float, ...]
     """Deviation of each load from what the others, or for a single press the calibration, say, in standard deviations."""
+    shear_factor: float = 1.0
+    """What F_x, F_y and T_z must be multiplied by beyond `factor`; loads of a scale do not tell it."""
+    shear_std: float = 0.0
+    """Its relative standard deviation."""
 
     @property
     def modulus_std(self) -> float:
@@ -216,17 +220,19 @@ def fit_known_loads(presses: Sequence[KnownLoadPress], bases: AssumedBases = Ass
         raise ForceScaleImpossible(
             expected="at least one press of known weight", got="none", remedy="press with one weight or more"
         )
-    logs, weighed = bases.interpolate(presses), np.log([press.weighed_n for press in presses])
-    std = np.array([press.std for press in presses])
-    before = np.log([press.calibrated_n for press in presses])
     require_same_unit(presses)
-    left_out, deviations = np.empty_like(weighed), np.empty_like(weighed)
-    for number in range(len(presses)):
-        use = np.arange(len(presses)) != number
-        mean, variance = _infer(bases, logs[:, use], weighed[use], std[use]).predict(logs[:, [number]])
-        left_out[number] = weighed[number] - mean[0]
-        deviations[number] = left_out[number] / np.sqrt(variance[0] + std[number] ** 2)
-    _require_no_contradiction(presses, left_out, deviations)
+    fit = fit_agreeing_loads(presses, bases)
+    worst = find_contradiction(presses, bases)
+    if worst is not None:
+        raise _contradiction_error(presses[worst], fit.deviations[worst], len(presses) > 1)
+    return fit
+
+
+def fit_agreeing_loads(presses: Sequence[KnownLoadPress], bases: AssumedBases = AssumedBases()) -> KnownLoadFit:
+    """Return the gel that explains the loads best, however they agree."""
+    logs, weighed, std = _logarithms(presses, bases)
+    before = np.log([press.calibrated_n for press in presses])
+    left_out, deviations = _leave_one_out(bases, logs, weighed, std)
     found = _infer(bases, logs, weighed, std)
     covariance = found.covariance
     factor = float(np.interp(found.ratio, found.grid, found.factor))
@@ -255,21 +261,48 @@ def require_same_unit(presses: Sequence[KnownLoadPress]) -> None:
             )
 
 
-def _require_no_contradiction(
-    presses: Sequence[KnownLoadPress], left_out: Float[Array, " presses"], deviations: Float[Array, " presses"]
-) -> None:
-    """Raise `ForceScaleImpossible` for the load that contradicts the others, or the calibration, most."""
+def find_contradiction(presses: Sequence[KnownLoadPress], bases: AssumedBases = AssumedBases()) -> int | None:
+    """Return the number of the press whose load contradicts the others most, or a single one the calibration; None without one."""
+    left_out, deviations = _leave_one_out(bases, *_logarithms(presses, bases))
     worst = int(np.abs(deviations).argmax())
-    if abs(deviations[worst]) > CONTRADICTION_SIGMAS and abs(left_out[worst]) > _LEAST_CONTRADICTION:
-        press = presses[worst]
-        raise ForceScaleImpossible(
-            expected=f"loads that one gel explains to {CONTRADICTION_SIGMAS:g} standard deviations",
-            got=f"{press.name} with {press.weighed_n:.2f} N, {abs(deviations[worst]):.1f} standard deviations "
-            f"{'above' if deviations[worst] > 0 else 'below'} what "
-            + ("the other presses say" if len(presses) > 1 else "the calibration says"),
-            remedy="weigh it again, or leave it out; each image must belong to its weight, and the scale be set to zero with the "
-            "sensor on it",
-        )
+    contradicts = abs(deviations[worst]) > CONTRADICTION_SIGMAS and abs(left_out[worst]) > _LEAST_CONTRADICTION
+    return worst if contradicts else None
+
+
+def _logarithms(
+    presses: Sequence[KnownLoadPress], bases: AssumedBases
+) -> tuple[Float[Array, "bases presses"], Float[Array, " presses"], Float[Array, " presses"]]:
+    """Return the logarithms of the estimated loads on the bases, those of the known loads, and their standard deviations."""
+    weighed = np.log([press.weighed_n for press in presses])
+    return bases.interpolate(presses), weighed, np.array([press.std for press in presses])
+
+
+def _leave_one_out(
+    bases: AssumedBases,
+    logs: Float[Array, "bases presses"],
+    weighed: Float[Array, " presses"],
+    std: Float[Array, " presses"],
+) -> tuple[Float[Array, " presses"], Float[Array, " presses"]]:
+    """Return how far the logarithm of each load is off from what the others say, and the same in standard deviations."""
+    left_out, deviations = np.empty_like(weighed), np.empty_like(weighed)
+    for number in range(len(weighed)):
+        use = np.arange(len(weighed)) != number
+        mean, variance = _infer(bases, logs[:, use], weighed[use], std[use]).predict(logs[:, [number]])
+        left_out[number] = weighed[number] - mean[0]
+        deviations[number] = left_out[number] / np.sqrt(variance[0] + std[number] ** 2)
+    return left_out, deviations
+
+
+def _contradiction_error(press: KnownLoadPress, deviation: float, has_others: bool) -> ForceScaleImpossible:
+    """Return the error for a load that contradicts the others, or the calibration."""
+    return ForceScaleImpossible(
+        expected=f"loads that one gel explains to {CONTRADICTION_SIGMAS:g} standard deviations",
+        got=f"{press.name} with {press.weighed_n:.2f} N, {abs(deviation):.1f} standard deviations "
+        f"{'above' if deviation > 0 else 'below'} what "
+        + ("the other presses say" if has_others else "the calibration says"),
+        remedy="weigh it again, or leave it out; each image must belong to its weight, and the scale be set to zero with the "
+        "sensor on it",
+    )
 
 
 def _rms(values: Float[Array, " n"]) -> float:

@@ -259,7 +259,9 @@ class SensorFolder:
         from ninedtact.force.estimator_and_scale import ForceScale
 
         known = self.record.known_loads
-        return None if known is None else ForceScale(error=known.error, presses=known.presses)
+        if known is None:
+            return None
+        return ForceScale(1.0, known.error, known.presses, known.shear_factor, known.shear_std)
 
     def _verify_file(self, file: str, digest: str) -> Path:
         """Return the path of a file of the folder after its content has been checked against the stored hash."""

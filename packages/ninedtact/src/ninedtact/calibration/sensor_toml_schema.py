@@ -13,6 +13,7 @@ from msgspec import Meta, Struct, field
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
+from ninedtact.force.estimator_and_scale import WIDEST_FACTOR
 from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import DepthCurve, DepthMethod, GlobalDimmingModel, Smoothing
@@ -307,6 +308,10 @@ class KnownLoadTable(Struct, frozen=True, forbid_unknown_fields=True):
     calibrated_modulus_ratio: Annotated[float, Meta(ge=0, le=10)]
     """The ratio by the image of the ball alone, with which another `ninedtact adapt` begins."""
     calibrated_modulus_ratio_std: _Error
+    shear_factor: Annotated[float, Meta(ge=1 / WIDEST_FACTOR, le=WIDEST_FACTOR)] = 1.0
+    """Factor on F_x, F_y and T_z beyond the modulus, which a recording with a force/torque sensor tells."""
+    shear_std: _Share = 0.0
+    """Relative standard deviation of that factor."""
 
 
 _SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")

@@ -85,6 +85,8 @@ def zero_wrench(stamp_ns: int = 0) -> Wrench:
     return Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns)
 
 
+SHEAR_COMPONENTS = np.array([True, True, False, False, False, True])
+"""The components of a wrench that shear makes: F_x, F_y and T_z."""
 WIDEST_FACTOR = 5.0
 """Largest ratio between known and estimated load, in either direction; a larger one means a wrong unit or a wrong sensor."""
 
@@ -98,19 +100,34 @@ class ForceScale:
     """Relative error of a scaled force that modulus and base of the gel leave."""
     presses: Annotated[int, Meta(ge=0, le=10_000)] = 0
     """Number of presses of known load that determine it."""
+    shear_factor: Annotated[float, Meta(ge=1 / WIDEST_FACTOR, le=WIDEST_FACTOR)] = 1.0
+    """Factor on F_x, F_y and T_z beyond that on all forces, which only a force/torque sensor tells."""
+    shear_error: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """Relative error of that factor."""
     model_sha256: Annotated[str, Meta(max_length=64)] = ""
     """`ForceEstimator.model_sha256` of the estimator; assigned when the scale is written."""
 
     def __call__(self, estimate: WrenchEstimate) -> WrenchEstimate:
-        """Return the estimate with wrench, covariance and tractions scaled; the error of the scale, common to all axes, is
-        included.
+        """Return the estimate with wrench, covariance and tractions scaled; the errors of both factors, each common to its axes,
+        are included.
         """
-        wrench, factor = estimate.wrench, self.factor
-        six = factor * wrench.six
+        wrench, factors = estimate.wrench, self.factor * np.where(SHEAR_COMPONENTS, self.shear_factor, 1.0)
+        six = factors * wrench.six
         scaled = Wrench(six[:3], six[3:], wrench.about_mm, wrench.stamp_ns)
-        covariance = factor**2 * estimate.covariance + self.error**2 * np.outer(six, six)
-        traction = None if estimate.traction is None else _scale_traction(estimate.traction, factor)
+        covariance = np.outer(factors, factors) * estimate.covariance + self.error**2 * np.outer(six, six)
+        if self.shear_error:
+            sheared = SHEAR_COMPONENTS * six
+            covariance = covariance + self.shear_error**2 * np.outer(sheared, sheared)
+        traction = None if estimate.traction is None else self._scale_traction(estimate.traction)
         return replace(estimate, wrench=scaled, covariance=covariance, traction=traction)
+
+    def _scale_traction(self, traction: Traction) -> Traction:
+        """Return a traction with pressure and shear multiplied by their factors."""
+        return replace(
+            traction,
+            pressure_mpa=traction.pressure_mpa * np.float32(self.factor),
+            shear_mpa=traction.shear_mpa * np.float32(self.factor * self.shear_factor),
+        )
 
 
 BASE_ERROR = 0.1
@@ -129,15 +146,6 @@ _EDITED_NOTICE = (
     "force.toml was edited or damaged after the force calibration: its checksum is not that of its numbers; run "
     "'ninedtact adapt' again if you did not edit it"
 )
-
-
-def _scale_traction(traction: Traction, factor: float) -> Traction:
-    """Return a traction with pressure and shear multiplied by a factor."""
-    return replace(
-        traction,
-        pressure_mpa=traction.pressure_mpa * np.float32(factor),
-        shear_mpa=traction.shear_mpa * np.float32(factor),
-    )
 
 
 class ScaledForceEstimator(ForceEstimator):
