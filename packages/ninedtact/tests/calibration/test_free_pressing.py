@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ninedtact.calibration.force_calibration import CALIBRATION_BALL, STANDARD_GRAVITY
 from ninedtact.calibration.free_pressing.alignment import (
     EstimatedMoments,
-    ForceTorqueSamples,
-    PressingUnusable,
     fit_alignment,
 )
-from ninedtact.calibration.free_pressing.pressing import find_stuck_samples
+from ninedtact.calibration.free_pressing.pressing import ForceTorqueSamples, PressingUnusable, find_stuck_samples
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_on_base import load_on_calibration_ball_n
 from ninedtact.capture.force_torque.wrench_source_from_address import mount_rotation
 from ninedtact.cli import main
 from ninedtact.design import ForceTorqueMount
@@ -207,7 +207,8 @@ def test_a_recording_teaches_a_sensor_its_forces(
     mount = ForceTorqueMount((1.0, -2.0, -30.0), (181.0, 4.0, 20.0))
     path = write_recording(tmp_path / "press.mcap", load_sensor(sensor), pressed[0], true_samples(pressed, mount, 0.15))
     words = ["adapt", "--sensor", str(sensor), "--recording", str(path)]
-    assert main([*words, "--json"]) == 0
+    ball_g = MODULUS * load_on_calibration_ball_n(physical_sensor) / STANDARD_GRAVITY * 1e3
+    assert main([*words, "--ball-grams", f"{ball_g:.0f}", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     device = told["force_torque"]
     assert device["delay_s"] == pytest.approx(0.15, abs=0.02) and device["sign"] == 1
@@ -222,6 +223,7 @@ def test_a_recording_teaches_a_sensor_its_forces(
     folder = load_sensor(sensor)
     known, gel, twin = folder.record.known_loads, folder.gel, default_twin()
     assert known is not None and not folder.is_edited and known.presses == len(told["presses"])
+    assert told["presses"][0]["name"] == CALIBRATION_BALL and len(told["presses"]) > 10
     assert abs(np.log(gel.shear_modulus_mpa / MODULUS / twin.gel.shear_modulus_mpa)) < 2 * known.modulus_std
     assert known.shear_std < 0.15 and known.shear_factor > 1.1
     better = np.array(told["kept_out"]["skill_after"]) - told["kept_out"]["skill_before"]

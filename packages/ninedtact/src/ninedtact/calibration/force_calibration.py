@@ -23,6 +23,7 @@ from ninedtact.calibration.known_load_fit import (
     ForceScaleImpossible,
     KnownLoadFit,
     KnownLoadPress,
+    fit_agreeing_loads,
     fit_known_loads,
     require_same_unit,
 )
@@ -187,7 +188,7 @@ class KnownLoadCalibration:
                 estimator.forget()
                 load_n = estimated_load_n(readings[press.name].with_force(estimator.estimate(readings[press.name])))
             found.append(replace(press, estimated_n=(load_n,), calibrated=0))
-        factor = fit_known_loads(found).factor
+        factor = fit_agreeing_loads(found).factor
         twin = sensor.record.twin
         assert twin is not None
         gel = replace(twin.gel, shear_modulus_mpa=twin.gel.shear_modulus_mpa * factor)

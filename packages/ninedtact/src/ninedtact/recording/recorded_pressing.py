@@ -7,8 +7,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
-from ninedtact.calibration.free_pressing.alignment import ForceTorqueSamples
-from ninedtact.calibration.free_pressing.pressing import FreePressing, find_stuck_samples
+from ninedtact.calibration.free_pressing.pressing import (
+    ForceTorqueSamples,
+    FreePressing,
+    find_stuck_samples,
+)
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.force_torque.wrench_source_from_address import DeviceFrameWrenchSource
 from ninedtact.capture.frame_source import SourceEnded
@@ -111,7 +114,7 @@ class RecordedPressing(FreePressing):
         """Return all samples in the frame of the device, and what is wrong with them; raises `PressingUnusable`."""
         wrenches: list[Wrench] = []
         with DeviceFrameWrenchSource(RecordedWrenchSource(self.name), self.mount) as source, suppress(SourceEnded):
-            wrenches.extend(source)
+            wrenches.extend(wrench for wrench in source if np.isfinite(wrench.six).all())
         stamps_ns = np.array([wrench.stamp_ns for wrench in wrenches])
         order = np.argsort(stamps_ns, kind="stable")
         six = np.array([wrench.six for wrench in wrenches])[order]

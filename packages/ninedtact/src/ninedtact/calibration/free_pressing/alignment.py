@@ -16,25 +16,20 @@ many images show it, and its weight falls with its deviation (Student's t), so t
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 from scipy.spatial.transform import Rotation
 
+from ninedtact.calibration.free_pressing.pressing import ForceTorqueSamples, PressingUnusable
 from ninedtact.capture.force_torque.wrench_source_from_address import mount_rotation
 from ninedtact.design import ForceTorqueMount
-from ninedtact.errors import ForceEstimationError
 from ninedtact.force.estimator_and_scale import SHEAR_COMPONENTS
 
 LONGEST_DELAY_S = 0.5
 """Largest difference between the clocks of images and samples; a larger one is refused."""
 _SEARCHED_S, _DELAY_STEP_S = 1.0, 0.01
-_SLOPE_S = 0.02
-"""Half of the time over which the slope of a sample is taken."""
-_LONGEST_GAP_S = 0.2
-"""Longest time between two samples between which one is interpolated."""
 _KNOTS_APART_S = 60.0
 _OBSERVATIONS = 2.0
 _FLOOR = np.array([0.03, 0.03, 0.03, 5e-4, 5e-4, 5e-4])
@@ -52,38 +47,6 @@ _HELD_ITERATIONS = 2
 """Iterations of the search that move origin and bias only, which are far off where the device is turned."""
 _TURNING = np.array([0, 1, 2, 6, 7, 8])
 """Numbers of the parameters that are held meanwhile."""
-
-
-class PressingUnusable(ForceEstimationError):
-    """A recording of free pressing does not tell how image and force/torque sensor belong together."""
-
-
-@dataclass(frozen=True)
-class ForceTorqueSamples:
-    """The samples of a force/torque sensor in the frame of the device, N and N·m."""
-
-    at_s: Float[Array, " samples"]
-    six: Float[Array, "samples 6"]
-    usable: Bool[Array, " samples"]
-    """Whether a sample may be used; not where an axis is saturated or frozen."""
-
-    @cached_property
-    def noise(self) -> Float[Array, "6"]:
-        """Standard deviation of one sample, from the differences of neighbours."""
-        return np.asarray(1.4826 * np.median(np.abs(np.diff(self.six, axis=0)), axis=0) / np.sqrt(2))
-
-    def at(self, at_s: Float[Array, " n"]) -> Float[Array, "n 6"]:
-        """Return the samples at these times, interpolated; not-a-number where none is near."""
-        found = np.stack([np.interp(at_s, self.at_s, column) for column in self.six.T], axis=1)
-        after = np.clip(np.searchsorted(self.at_s, at_s), 1, len(self.at_s) - 1)
-        gap = self.at_s[after] - self.at_s[after - 1]
-        inside = (at_s >= self.at_s[0]) & (at_s <= self.at_s[-1]) & (gap <= _LONGEST_GAP_S)
-        found[~(inside & self.usable[after] & self.usable[after - 1])] = np.nan
-        return found
-
-    def slope_at(self, at_s: Float[Array, " n"]) -> Float[Array, "n 6"]:
-        """Return the change per second at these times."""
-        return (self.at(at_s + _SLOPE_S) - self.at(at_s - _SLOPE_S)) / (2 * _SLOPE_S)
 
 
 @dataclass(frozen=True)

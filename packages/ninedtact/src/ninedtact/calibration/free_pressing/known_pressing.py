@@ -16,11 +16,9 @@ from scipy.interpolate import PchipInterpolator
 from ninedtact.calibration.free_pressing.alignment import (
     Alignment,
     EstimatedMoments,
-    ForceTorqueSamples,
-    PressingUnusable,
     fit_alignment,
 )
-from ninedtact.calibration.free_pressing.pressing import FreePressing
+from ninedtact.calibration.free_pressing.pressing import ForceTorqueSamples, FreePressing, PressingUnusable
 from ninedtact.calibration.known_load_fit import (
     AssumedBases,
     KnownLoadFit,

@@ -1,22 +1,60 @@
 """What a recording of free pressing delivers: images to read, and the samples of a force/torque sensor without stuck ones."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 from numpy import ndarray as Array
 
-from ninedtact.calibration.free_pressing.alignment import ForceTorqueSamples, PressingUnusable
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.design import ForceTorqueMount
+from ninedtact.errors import ForceEstimationError
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
 from ninedtact.reading import Reading
 
 _STUCK_S, _STUCK_SAMPLES = 0.1, 5
 """Duration and number of equal samples from which an axis counts as stuck; that of a device with noise does not repeat."""
-_SAME, _WITHOUT_NOISE = 1e-9, 0.5
+_SAME, _ZEROS_WITHOUT_NOISE = 1e-9, 0.05
 _AT_LIMIT = 0.999
 _FEW_SAMPLES_PER_S = 10.0
+_SLOPE_S = 0.02
+"""Half of the time over which the slope of a sample is taken."""
+_LONGEST_GAP_S = 0.2
+"""Longest time between two samples between which one is interpolated."""
+
+
+class PressingUnusable(ForceEstimationError):
+    """A recording of free pressing does not tell how image and force/torque sensor belong together."""
+
+
+@dataclass(frozen=True)
+class ForceTorqueSamples:
+    """The samples of a force/torque sensor in the frame of the device, N and N·m."""
+
+    at_s: Float[Array, " samples"]
+    six: Float[Array, "samples 6"]
+    usable: Bool[Array, " samples"]
+    """Whether a sample may be used; not where an axis is saturated or frozen."""
+
+    @cached_property
+    def noise(self) -> Float[Array, "6"]:
+        """Standard deviation of one sample, from the differences of neighbours."""
+        return np.asarray(1.4826 * np.median(np.abs(np.diff(self.six, axis=0)), axis=0) / np.sqrt(2))
+
+    def at(self, at_s: Float[Array, " n"]) -> Float[Array, "n 6"]:
+        """Return the samples at these times, interpolated; not-a-number where none is near."""
+        found = np.stack([np.interp(at_s, self.at_s, column) for column in self.six.T], axis=1)
+        after = np.clip(np.searchsorted(self.at_s, at_s), 1, len(self.at_s) - 1)
+        gap = self.at_s[after] - self.at_s[after - 1]
+        inside = (at_s >= self.at_s[0]) & (at_s <= self.at_s[-1]) & (gap <= _LONGEST_GAP_S)
+        found[~(inside & self.usable[after] & self.usable[after - 1])] = np.nan
+        return found
+
+    def slope_at(self, at_s: Float[Array, " n"]) -> Float[Array, "n 6"]:
+        """Return the change per second at these times."""
+        return (self.at(at_s + _SLOPE_S) - self.at(at_s - _SLOPE_S)) / (2 * _SLOPE_S)
 
 
 class FreePressing(ABC):
@@ -40,8 +78,8 @@ class FreePressing(ABC):
 def find_stuck_samples(at_s: Float[Array, " n"], six: Float[Array, "n 6"]) -> tuple[Bool[Array, " n"], tuple[str, ...]]:
     """Return which samples can be used, and a sentence for each axis that is saturated or frozen for a time.
 
-    Raises `PressingUnusable` where there are too few samples, or an axis never changes. An axis without noise, and zeros, as a
-    simulation has them, are not judged.
+    Raises `PressingUnusable` where there are too few samples, or an axis never changes. An axis that is exactly zero without
+    contact, as in a simulation without noise, is not judged.
     """
     if len(at_s) < 2 or len(at_s) < _FEW_SAMPLES_PER_S * (at_s[-1] - at_s[0]):
         raise PressingUnusable(
@@ -60,9 +98,9 @@ def find_stuck_samples(at_s: Float[Array, " n"], six: Float[Array, "n 6"]) -> tu
                 got=f"{name} frozen at {values[0]:.3g} {WRENCH_UNITS[axis]} all the time",
                 remedy="check the force/torque sensor and record again",
             )
-        if same.mean() > _WITHOUT_NOISE:
+        if (values == 0).mean() > _ZEROS_WITHOUT_NOISE:
             continue
-        stuck = _long_runs(same & (values[1:] != 0), at_s)
+        stuck = _long_runs(same, at_s)
         at_limit = stuck & (np.abs(values) >= _AT_LIMIT * extent)
         for kind, which in (("saturated", at_limit), ("frozen", stuck & ~at_limit)):
             if which.any():
