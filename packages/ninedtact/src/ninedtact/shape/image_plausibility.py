@@ -28,7 +28,7 @@ _MEDIAN_RANGE = 0.8, 1.2
 _MAX_BRIGHTENING = 1.3
 """Brightness relative to the reference image above which gel cannot bulge."""
 _BRIGHT_PERCENTILE = 99.5
-_MAX_MEAN_HEIGHT_MM = 0.2
+_MAX_MEAN_HEIGHT_MM = 0.25
 """Largest mean height of the view, either way: gel that is pressed in bulges elsewhere, and little of it beyond the view."""
 _UNCHANGED_SHARE = 0.6
 """Share of the view, that nearest to the median, in which the structure of the light is compared."""
