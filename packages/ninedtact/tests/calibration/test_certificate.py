@@ -18,28 +18,37 @@ from ninedtact.calibration.certificate.checks import (
     BALL_CHECKS,
     BOARD_CHECKS,
     CHECK_LEVELS,
+    LENGTH_CHECKS,
     OVERALL_LEVELS,
+    SECOND_BALL_CHECKS,
+    USES,
     CheckResult,
     certificate_headline,
     compute_certificate_checks,
     overall_check_level,
-    unusual_fit_warnings,
 )
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.certificate.plot_board import arrow_magnification, draw_board_not_found
 from ninedtact.calibration.procedure import Calibration
-from ninedtact.calibration.sensor_toml_schema import BallQuality, BoardQuality, Certificate
-from ninedtact.design import SensorDesign
+from ninedtact.calibration.sensor_toml_schema import (
+    BallQuality,
+    BoardQuality,
+    Certificate,
+    LengthQuality,
+    SecondBallQuality,
+)
 
 HOSTILE = "<script>alert('id')<b> & \"co\""
 GOOD = Certificate(
     BoardQuality(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "model", 0),
     BallQuality("ratio", 60.0, 3.1, 4.0, 1.5, 0.012, 0.014, 1.48, 0.002, 50.0, 0.02, 0.0),
-    [],
+    SecondBallQuality(2.5, 0.8, 0.03, 0.5, 0.04, 0.09, 2.52, 0.06),
+    LengthQuality(2.5, 0.02, 2.4, 4.0, 0.03, 4.1),
 )
 WORSE_WHEN_LARGER = {
     "board": ("leave_one_out_rms_mm", "leave_one_out_max_mm", "mm_per_px_std", "noise_grey_levels"),
     "ball": ("cross_validation_mae_mm", "noise_mm", "asymmetry", "overexposed_fraction", "contact_radius_mm"),
+    "lengths": ("pitch_wrong_probability", "ball_radius_wrong_probability"),
 }
 WORSE_WHEN_SMALLER = {"board": ("pins_found", "contrast_grey_levels"), "ball": ("range_mm",)}
 FIGURES = [
@@ -187,7 +196,9 @@ def test_many_warned_checks_are_worse_than_one() -> None:
     ):
         warned = with_figure(warned, "ball", name, {"asymmetry": 0.2, "noise_mm": 0.02}.get(name, 0.04))
         assert overall_check_level(warned) == level
-    assert "4 of 11 checks warned" in certificate_headline(warned) and "Calibrate again" in certificate_headline(warned)
+    assert "4 of 13 checks warned (affects shape, force and twin)" in certificate_headline(
+        warned
+    ) and "Calibrate again" in certificate_headline(warned)
 
 
 @given(st.sampled_from(FIGURES), st.data())
@@ -243,6 +254,8 @@ def test_the_documentation_states_every_check_with_its_limits() -> None:
     page = (Path(__file__).parents[4] / "docs" / "calibrating.md").read_text(encoding="utf-8")
     checks = [(check.fact(GOOD.board), check.limit) for check in BOARD_CHECKS]
     checks += [(check.fact(GOOD.ball), check.limit) for check in BALL_CHECKS]
+    checks += [(check.fact(GOOD.second_ball), check.limit) for check in SECOND_BALL_CHECKS]
+    checks += [(check.fact(GOOD.lengths), check.limit) for check in LENGTH_CHECKS]
     for fact, limit in checks:
         name = fact.partition(":")[0]
         row = re.search(rf"^\| {name} \|(.*?)\|(.*?)\|", page, re.MULTILINE)
@@ -251,10 +264,12 @@ def test_the_documentation_states_every_check_with_its_limits() -> None:
         assert good in (None, pytest.approx(limit.good)) and usable in (None, pytest.approx(limit.usable)), name
 
 
-def test_an_unusual_fit_is_warned_of_with_the_lengths_that_may_be_wrong() -> None:
-    assert unusual_fit_warnings(2.6, SensorDesign()) == []
-    (warning,) = unusual_fit_warnings(4.0, SensorDesign())
-    assert "4.0 standard deviations" in warning and "2.5 mm apart" in warning
+def test_a_check_that_is_not_passed_names_what_it_affects_and_so_does_the_headline() -> None:
+    assert {use for line in compute_certificate_checks(GOOD) for use in line.affects} == set(USES)
+    noisy = with_figure(GOOD, "ball", "noise_mm", 0.02)
+    (line,) = [line for line in compute_certificate_checks(noisy) if line.level != "pass"]
+    assert line.affects == ("shape", "force")
+    assert "1 of 13 checks warned (affects shape and force)" in certificate_headline(noisy)
 
 
 def test_a_sensor_without_a_ball_rectifies_images() -> None:

@@ -39,7 +39,7 @@ def make_failed(folder: Path) -> None:
 
 def make_older_format(folder: Path) -> None:
     text = (folder / SENSOR_FILE).read_text()
-    (folder / SENSOR_FILE).write_text(text.replace("format = 5", "format = 3"))
+    (folder / SENSOR_FILE).write_text(text.replace("format = 6", "format = 3"))
 
 
 @pytest.mark.parametrize(("make", "stays"), [(keep_good, True), (make_older_format, True), (make_failed, False)])

@@ -80,8 +80,8 @@ def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated
 
 @pytest.mark.parametrize("version", [3, 99])
 def test_another_format_is_refused(folder: Path, version: int) -> None:
-    edit(folder, "format = 5", f"format = {version}")
-    with pytest.raises(SensorFolderDamaged, match=f"in format 5, got format {version} .*; calibrate the sensor again"):
+    edit(folder, "format = 6", f"format = {version}")
+    with pytest.raises(SensorFolderDamaged, match=f"in format 6, got format {version} .*; calibrate the sensor again"):
         load_sensor(folder)
 
 

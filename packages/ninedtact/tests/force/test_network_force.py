@@ -55,6 +55,17 @@ def test_error_is_the_deviation_of_the_scale_and_all_grows_with_the_modulus() ->
     np.testing.assert_allclose(stiff.std, 2 * found.std)
 
 
+def test_the_twist_that_no_image_shows_is_in_the_error_of_a_network_that_is_sure() -> None:
+    sure = estimator()
+    per_input = np.tile([0.5, 0.25, 1.0, 0.0, 0.0, 0.0], (SMALL.rows * SMALL.cols, 1))
+    content = linear_model(a_card(), per_input, np.full(6, 1e-9)).SerializeToString()
+    sure.model = parse_force_model(content, "sure.onnx")
+    found = sure.estimate(reading(0.5))
+    radius_m = 10 * MM_PER_PX / np.sqrt(12) / 1e3  # of the square dent of 10 pixels
+    assert found.std[5] == pytest.approx(np.hypot(0.08, 0.3) * abs(found.wrench.force_n[2]) * radius_m, rel=0.1)
+    assert (found.std[:5] < 1e-8).all()
+
+
 def test_torques_are_told_about_the_centre_of_the_skin() -> None:
     below = (0.0, 0.0, -35.0)
     found = estimator(about_mm=below).estimate(reading(0.5))

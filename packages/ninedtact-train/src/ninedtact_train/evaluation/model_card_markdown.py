@@ -37,6 +37,7 @@ LIMITS = """\
 - The gel's stiffness is not visible in an image. The wrench is for a gel with a shear modulus of {modulus:.3f} MPa and is scaled to
   that of the sensor's own gel. Without a force calibration (`ninedtact adapt`) the design's modulus is assumed, and its
   relative error is that of the wrench.
+- A twist about z of a round contact is not visible in an image. The stated error of T_z contains it, as that of every estimator.
 - Wrenches beyond {low} … {high} N and N·m, and images unlike those of the training, carry a warning.
 - Heights are computed with the sensor's calibration: a bad calibration gives bad forces."""
 

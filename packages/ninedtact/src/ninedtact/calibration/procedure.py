@@ -27,7 +27,8 @@ from ninedtact.calibration.brightness_change import (
     estimate_camera_noise,
     flat_fielded_brightness_change,
 )
-from ninedtact.calibration.certificate.checks import press_through_gel_warnings, unusual_fit_warnings
+from ninedtact.calibration.certificate.checks import press_through_gel_warnings
+from ninedtact.calibration.certificate.length_evidence import weigh_lengths
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
@@ -55,7 +56,6 @@ from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
-from ninedtact.simulation.gel_brightness import deviation_from_population
 
 _MAX_ALTERNATIONS = 2
 """Number of alternations between board and ball. The first starts from the light of a preliminary lens and viewing distance; the
@@ -263,6 +263,8 @@ def _make_record(
             noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
             twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
     board_quality = None if board is None else _board_quality(board, rectify, settings.lens)
+    lengths = None if board is None else weigh_lengths(board, fits.twin, design)
+    warnings = _warnings(images, fits, design)
     return SensorTomlRecord(
         format=SENSOR_FORMAT,
         id=sensor_id,
@@ -273,9 +275,7 @@ def _make_record(
         lens=lens,
         depth=depth,
         twin=twin,
-        certificate=Certificate(
-            board_quality, ball_quality, second_ball_quality(fits.twin), _warnings(images, fits, design)
-        ),
+        certificate=Certificate(board_quality, ball_quality, second_ball_quality(fits.twin), lengths, warnings),
     )
 
 
@@ -316,9 +316,6 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     """Return what makes the calibration doubtful, in words."""
     warnings = [IMPORTED_LENS_WARNING] if fits.board is None else fits.board.warnings
     warnings += [BALL_MISSING_WARNING] if fits.ball is None else []
-    if fits.twin is not None:
-        deviation = deviation_from_population(fits.twin.light, fits.twin.gel, design)
-        warnings += unusual_fit_warnings(deviation, design)
     if fits.ball is not None:
         warnings += press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel)
     if images.board_pair is not None and images.ball_pair is not None:

@@ -26,7 +26,7 @@ from ninedtact.shape.lens_and_rectification import (
 )
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
-SENSOR_FORMAT = 5
+SENSOR_FORMAT = 6
 """Format number, raised with every change that makes older files unreadable."""
 NOT_CALIBRATED = ("format", "id", "created", "software")
 """Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""
@@ -192,6 +192,24 @@ class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """Fraction of the reference image at or above grey level 250."""
 
 
+class LengthQuality(Struct, frozen=True, forbid_unknown_fields=True):
+    """Whether the stated pitch of the board and radius of the ball are those of other sensors of the design."""
+
+    pitch_mm: _Error
+    pitch_wrong_probability: _Share
+    likely_pitch_mm: _Error
+    """The pitch that fits best, should the stated one be wrong."""
+    ball_radius_mm: _Error
+    ball_radius_wrong_probability: _Share
+    likely_ball_radius_mm: _Error
+    """The radius that fits best, should the stated one be wrong."""
+
+    @property
+    def wrong_probability(self) -> float:
+        """Probability that one of the two lengths is wrong."""
+        return self.pitch_wrong_probability + self.ball_radius_wrong_probability
+
+
 class SecondBallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """The press of the second ball, which was fitted together with the first."""
 
@@ -204,6 +222,9 @@ class SecondBallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """Standard deviation of the depth of the first ball, with both presses."""
     first_std_alone_mm: _Error
     """The same with the first press alone."""
+    likely_radius_mm: _Error
+    """The radius of the second ball that fits both images best, if that of the first is right."""
+    likely_radius_std_mm: _Error
 
 
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -215,6 +236,8 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     """None where no ball has been pressed yet."""
     second_ball: SecondBallQuality | None = None
     """None where no second ball was pressed."""
+    lengths: LengthQuality | None = None
+    """None where the lens was imported."""
     warnings: list[str] = field(default_factory=list)
 
 

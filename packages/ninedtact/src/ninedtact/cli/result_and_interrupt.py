@@ -218,7 +218,11 @@ def calibration_json_dict(sensor: "SensorFolder") -> dict[str, object]:
 
 def format_calibration(sensor: "SensorFolder") -> Iterator[str]:
     """Yield the certificate in a few lines."""
-    from ninedtact.calibration.certificate.checks import certificate_headline, compute_certificate_checks
+    from ninedtact.calibration.certificate.checks import (
+        certificate_headline,
+        compute_certificate_checks,
+        uses_in_words,
+    )
 
     certificate = sensor.record.certificate
     assert certificate is not None
@@ -244,6 +248,8 @@ def format_calibration(sensor: "SensorFolder") -> Iterator[str]:
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"
     yield from (
-        f"  {check.level}: {check.text}" for check in compute_certificate_checks(certificate) if check.level != "pass"
+        f"  {check.level} ({uses_in_words(check.affects)}): {check.text}"
+        for check in compute_certificate_checks(certificate)
+        if check.level != "pass"
     )
     yield f"  open {sensor.path / 'certificate.html'} in a browser"

@@ -14,6 +14,7 @@ from ninedtact.calibration.certificate.checks import (
     certificate_headline,
     compute_certificate_checks,
     overall_check_level,
+    uses_in_words,
 )
 from ninedtact.calibration.save import CERTIFICATE_FILE, kept_calibration_notices
 from ninedtact.calibration.sensor_toml_schema import Certificate
@@ -188,7 +189,13 @@ def calibration_result_html(state: CalibrationState, out: Path) -> str:
     if state.result is None:
         return ""
     certificate = _certificate(state)
-    checks = [(*_CHECK_MARKS[check.level], check.text) for check in compute_certificate_checks(certificate)]
+    checks = [
+        (
+            *_CHECK_MARKS[check.level],
+            check.text if check.level == "pass" else f"{check.text} This {uses_in_words(check.affects)}.",
+        )
+        for check in compute_certificate_checks(certificate)
+    ]
     warnings = (*kept_calibration_notices(out, state.result), *certificate.warnings)
     return card_html("calibration_result", path=state.result.path, warnings=warnings, checks=checks)
 

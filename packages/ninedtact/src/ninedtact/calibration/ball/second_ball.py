@@ -54,6 +54,8 @@ def second_ball_quality(twin: TwinFit | None) -> SecondBallQuality | None:
         second.residual_rms_grey_levels,
         deviations["depth_mm"],
         deviations["depth_mm"] / twin.depth_std_share,
+        second.implied_radius.mm,
+        second.implied_radius.std_mm,
     )
 
 

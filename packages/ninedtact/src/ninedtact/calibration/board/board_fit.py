@@ -33,7 +33,13 @@ from ninedtact.calibration.board.lens_fit import (
     fit_smooth_lens_residual,
     rms_vector_length,
 )
-from ninedtact.calibration.board.pin_imprint_centres import find_stray_pins, measure_pins
+from ninedtact.calibration.board.pin_imprint_centres import (
+    IMPRINT_RADIUS_PITCHES,
+    find_stray_pins,
+    imprint_radius_mm,
+    locate_imprints_mm,
+    measure_pins,
+)
 from ninedtact.calibration.brightness_change import (
     estimate_pixel_noise,
     flat_fielded_brightness_change,
@@ -102,6 +108,13 @@ class BoardFit:
     def mm_per_px(self) -> float:
         """mm on the skin per raw pixel around the centre."""
         return central_mm_per_px(self.projection, self.board.pitch_mm)
+
+    @cached_property
+    def imprint_radius_mm(self) -> float:
+        """Radius at which the imprints of the found pins are half as dark as in the middle."""
+        image, reach_mm = smooth_gaussian(self.change, SMOOTHING_PX), IMPRINT_RADIUS_PITCHES * self.board.pitch_mm
+        centres_mm = locate_imprints_mm(image, self.projection, self.points_mm[self.found], reach_mm)
+        return imprint_radius_mm(image, self.projection, centres_mm, reach_mm)
 
     @property
     def relative_scale_std(self) -> float:

@@ -21,6 +21,8 @@ _PATCH_SAMPLES = 41
 _MIN_RELATIVE_DARKENING = 0.2
 """Fraction of an imprint's depth below which darkening is ignored, because the skirts of neighbouring imprints overlap."""
 _CENTROID_ITERATIONS = 5
+_PROFILE_RINGS = 26
+"""Number of rings of an imprint's radial profile."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,23 @@ def locate_imprints_mm(
     for _ in range(_CENTROID_ITERATIONS):
         points_mm = points_mm + _extract_pin_patches(image, lens, points_mm, radius_mm).centroid_mm
     return points_mm
+
+
+def imprint_radius_mm(
+    image: Float32[Array, "rows cols"], lens: Projection, points_mm: Points, radius_mm: float
+) -> float:
+    """Return the radius at which imprints with these centres are half as dark as in the middle, the median over the pins."""
+    patches = _extract_pin_patches(image, lens, points_mm, radius_mm)
+    ring = (np.hypot(patches.x_mm, patches.y_mm) / radius_mm * _PROFILE_RINGS).astype(int).ravel()
+    inside = ring < _PROFILE_RINGS
+    count = np.bincount(ring[inside])
+    middles_mm = (np.arange(_PROFILE_RINGS) + 0.5) * radius_mm / _PROFILE_RINGS
+    radii = []
+    for darkening, depth in zip(patches.darkening, patches.depth, strict=True):
+        profile = np.bincount(ring[inside], darkening.ravel()[inside]) / count / depth
+        outer = int(np.argmax(profile < 0.5))  # the last ring is on the edge of the disc, where it is zero
+        radii.append(np.interp(0.5, profile[[outer, outer - 1]], middles_mm[[outer, outer - 1]]))
+    return float(np.median(radii))
 
 
 def _extract_pin_patches(

@@ -1,8 +1,9 @@
 """The checks of a calibration certificate: each figure with its level (pass, warn or fail), what was expected, and advice. In: a
 `Certificate`. Out: one `CheckResult` per figure, the overall level and a headline.
 
-`BOARD_CHECKS` and `BALL_CHECKS` are all checks: a new one is one more entry there. The limits follow from what a user of the sensor
-needs, not from what sensors usually reach; the comment above each check states the reason.
+`BOARD_CHECKS`, `BALL_CHECKS`, `SECOND_BALL_CHECKS` and `LENGTH_CHECKS` are all checks: a new one is one more entry there. The
+limits follow from what a user of the sensor needs, not from what sensors usually reach; the comment above each check states the
+reason. Every check says what a figure beyond its limit affects: shape, force or the twin.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,13 +17,14 @@ from ninedtact.calibration.sensor_toml_schema import (
     BallQuality,
     BoardQuality,
     Certificate,
+    LengthQuality,
+    SecondBallQuality,
 )
-from ninedtact.design import Gel, SensorDesign
+from ninedtact.design import Gel
 
-_UNUSUAL_FIT = 3.2
-"""Deviation of light and gel from the middle of the population above which there is a warning; the sensors of six labs are within
-2.6, and one in fifty of the population is beyond. Wrong lengths of board or ball move the fit further."""
-
+Use = Literal["shape", "force", "twin"]
+"""What a calibration is used for."""
+USES: tuple[Use, ...] = ("shape", "force", "twin")
 CheckLevel = Literal["pass", "warn", "fail"]
 CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
 """The levels of a check, from best to worst."""
@@ -39,6 +41,8 @@ class CheckResult:
 
     level: CheckLevel
     text: str
+    affects: tuple[Use, ...]
+    """What the figure affects where it is beyond its limit."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class CheckLimit:
         return "warn" if sign * value <= sign * self.usable else "fail"
 
 
-Quality = TypeVar("Quality", BoardQuality, BallQuality)
+Quality = TypeVar("Quality", BoardQuality, BallQuality, SecondBallQuality, LengthQuality)
 
 
 @dataclass(frozen=True)
@@ -72,13 +76,14 @@ class CertificateCheck(Generic[Quality]):
     fact: Callable[[Quality], str]
     advice: str
     """What to do where the check does not pass."""
+    affects: tuple[Use, ...] = USES
 
     def result(self, quality: Quality) -> CheckResult:
         """Return the level with the fact alone where the check passes, and with the advice otherwise."""
         level = self.limit.level(self.figure(quality))
         expected = f" (expected: {self.expected.format(self.limit.good)})" if self.expected else ""
         advice = "" if level == "pass" else f" To do: {self.advice}, and calibrate again."
-        return CheckResult(level, f"{self.fact(quality)}{expected}.{advice}")
+        return CheckResult(level, f"{self.fact(quality)}{expected}.{advice}", self.affects)
 
 
 def relative_contact_radius(ball: BallQuality) -> float:
@@ -88,6 +93,8 @@ def relative_contact_radius(ball: BallQuality) -> float:
     return ball.contact_radius_mm / section_mm if section_mm > 0 else inf
 
 
+_OF_LENS: tuple[Use, ...] = ("shape", "twin")
+_OF_READINGS: tuple[Use, ...] = ("shape", "force")
 LEAVE_ONE_OUT_RMS_MM = CheckLimit(0.06, 0.1)
 CONTRAST_TO_NOISE = CheckLimit(14.0, 0.0)
 
@@ -99,6 +106,7 @@ BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
         "",
         lambda board: f"Pins: found {board.pins_found} of {board.pins_expected}{_missing_pins_in_words(board)}",
         "press harder there, or hold the board flatter",
+        _OF_LENS,
     ),
     # The lower limit is about one rectified pixel; beyond two, the map is visibly worse than the resolution of its image.
     CertificateCheck(
@@ -110,6 +118,7 @@ BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
             f"{_correction_in_words(board)}"
         ),
         "focus the camera on the skin, and press the board evenly",
+        _OF_LENS,
     ),
     # Three times the limits of the RMS. The largest of some sixty random errors is about twice their RMS, so a larger one is a
     # single wrong pin.
@@ -119,6 +128,7 @@ BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
         "at most {:g} mm",
         lambda board: f"Worst pin: predicted to {board.leave_one_out_max_mm:.3f} mm",
         "find it in the certificate's error map; look there for dirt on the skin, a reflection, or a bent pin of the board",
+        _OF_LENS,
     ),
     # Relative error of the scale: 0.05 mm, then 0.1 mm on an object of 10 mm, the size of a typical object at a fingertip.
     CertificateCheck(
@@ -139,6 +149,7 @@ BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
             f"{board.contrast_grey_levels / board.noise_grey_levels:.0f} times the camera's noise"
         ),
         "press harder, give more light and less gain, or average several images",
+        _OF_LENS,
     ),
 )
 BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
@@ -176,6 +187,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         "at least {:g} mm",
         lambda ball: f"Range: depth is calibrated down to {ball.range_mm:.2f} mm",
         "press the ball deeper, 1 to 2 mm",
+        _OF_READINGS,
     ),
     # The published sensor measures balls outside its calibration to 0.046 mm (docs/references.md), and the calibration must leave a
     # margin for all other errors. An error above a seventh of a millimetre, more than a sheared press causes, is unusable.
@@ -188,6 +200,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
             f"{ball.cross_validation_mae_mm:.3f} mm off on average"
         ),
         "press a clean ball straight down, and check that its radius is the stated one",
+        _OF_READINGS,
     ),
     # The smallest detectable contact is five times the noise. Noise up to 0.01 mm leaves it at 0.05 mm
     # (`shape.surface.ContactRule`); at 0.03 mm light touches of 0.15 mm are not detected.
@@ -197,32 +210,52 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         "at most {:g} mm",
         lambda ball: f"Noise: the depth of one pixel scatters by {ball.noise_mm:.4f} mm from image to image",
         "give more light and less gain",
+        _OF_READINGS,
+    ),
+)
+SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondBallQuality], ...] = (
+    # In standard deviations: beyond two, one of twenty right radii is suspected. An unknown base hides a part of a wrong radius.
+    CertificateCheck(
+        lambda second: abs(second.likely_radius_mm - second.ball_radius_mm) / second.likely_radius_std_mm,
+        CheckLimit(2.0, inf),
+        "within {:g} ±",
+        lambda second: (
+            f"Second ball: beside the first one, its images are those of a radius of {second.likely_radius_mm:.2f} ± "
+            f"{second.likely_radius_std_mm:.2f} mm, stated are {second.ball_radius_mm:g} mm"
+        ),
+        "measure both balls with a calliper",
+    ),
+)
+LENGTH_CHECKS: tuple[CertificateCheck[LengthQuality], ...] = (
+    # One in sixteen sensors of the population with right lengths is beyond (`certificate.length_evidence`). A wrong length that is
+    # noticed late costs more than a measurement with a calliper.
+    CertificateCheck(
+        lambda lengths: lengths.wrong_probability,
+        CheckLimit(0.12, inf),
+        "at most {:.0%}",
+        lambda lengths: (
+            f"Lengths: compared with sensors of this design, {lengths.pitch_mm:g} mm between the pins of the board is wrong with a "
+            f"probability of {lengths.pitch_wrong_probability:.0%} and the ball's radius of {lengths.ball_radius_mm:g} mm with "
+            f"{lengths.ball_radius_wrong_probability:.0%}{_likely_lengths_in_words(lengths)}"
+        ),
+        "measure pins and ball with a calliper (a wrong length makes all depths and forces wrong), give the right lengths",
     ),
 )
 
 
 def compute_certificate_checks(certificate: Certificate) -> list[CheckResult]:
     """Return every check, beginning with the board's; those of a press that was not made are left out."""
-    board, ball = certificate.board, certificate.ball
-    of_board = [] if board is None else [check.result(board) for check in BOARD_CHECKS]
-    return of_board + ([] if ball is None else [check.result(ball) for check in BALL_CHECKS])
-
-
-def unusual_fit_warnings(deviation: float, design: SensorDesign) -> list[str]:
-    """Return a warning where the light and the gel of the twin are unlike those of the sensors that are known.
-
-    deviation: distance from their middle in standard deviations (`simulation.gel_brightness.deviation_from_population`). A
-    wrong board pitch or ball radius makes all lengths wrong by one factor. No image shows that by itself, but the fitted light
-    and gel are then unlike those of other sensors.
-    """
-    if deviation <= _UNUSUAL_FIT:
-        return []
     return [
-        f"light and gel are unlike those of other sensors ({deviation:.1f} standard deviations; at most {_UNUSUAL_FIT:g} are "
-        f"usual); "
-        f"check that the pins of the board are {design.pin_board.pitch_mm:g} mm apart and that the ball has a radius of "
-        f"{design.ball.radius_mm:g} mm: wrong lengths make all depths and forces wrong"
+        *_check_results(BOARD_CHECKS, certificate.board),
+        *_check_results(BALL_CHECKS, certificate.ball),
+        *_check_results(SECOND_BALL_CHECKS, certificate.second_ball),
+        *_check_results(LENGTH_CHECKS, certificate.lengths),
     ]
+
+
+def _check_results(checks: tuple[CertificateCheck[Quality], ...], quality: Quality | None) -> list[CheckResult]:
+    """Return the results of the checks of one part; none where it was not pressed."""
+    return [] if quality is None else [check.result(quality) for check in checks]
 
 
 def press_through_gel_warnings(depth_mm: float, gel: Gel) -> list[str]:
@@ -270,11 +303,18 @@ def certificate_headline(certificate: Certificate) -> str:
     return f"This sensor can be used with care. {checks}; the lines below say what to do."
 
 
+def uses_in_words(uses: tuple[Use, ...]) -> str:
+    """Return what is affected, in words."""
+    return f"affects {', '.join(uses[:-1])} and {uses[-1]}" if len(uses) > 1 else f"affects {uses[0]}"
+
+
 def _outcome_in_words(lines: Sequence[CheckResult]) -> str:
-    """Return how many checks failed or, where none did, how many warned, in words."""
+    """Return how many checks failed or, where none did, how many warned, and what they affect, in words."""
     for level, outcome in (("fail", "failed"), ("warn", "warned")):
-        if number := sum(line.level == level for line in lines):
-            return f"{number} of {len(lines)} checks {outcome}"
+        found = [line for line in lines if line.level == level]
+        if found:
+            affected = uses_in_words(tuple(use for use in USES if any(use in line.affects for line in found)))
+            return f"{len(found)} of {len(lines)} checks {outcome} ({affected})"
     return f"All {len(lines)} checks passed"
 
 
@@ -284,6 +324,15 @@ def _correction_in_words(board: BoardQuality) -> str:
     return (
         "" if before_mm is None else f" with a smooth correction on top of the lens model, {before_mm:.3f} mm without"
     )
+
+
+def _likely_lengths_in_words(lengths: LengthQuality) -> str:
+    """Return the length that fits better where one may be wrong, or an empty text."""
+    if lengths.wrong_probability <= LENGTH_CHECKS[0].limit.good:
+        return ""
+    if lengths.pitch_wrong_probability >= lengths.ball_radius_wrong_probability:
+        return f"; a pitch of {lengths.likely_pitch_mm:.1f} mm fits better"
+    return f"; a radius of {lengths.likely_ball_radius_mm:.1f} mm fits better"
 
 
 def _missing_pins_in_words(board: BoardQuality) -> str:

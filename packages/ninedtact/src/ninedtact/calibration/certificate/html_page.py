@@ -8,6 +8,7 @@ from ninedtact.calibration.certificate.checks import (
     certificate_headline,
     compute_certificate_checks,
     overall_check_level,
+    uses_in_words,
 )
 from ninedtact.calibration.certificate.plot_ball import (
     plot_ball_cross_sections,
@@ -65,6 +66,7 @@ def render_certificate_html(calibration: Calibration) -> str:
         headline=certificate_headline(record.certificate),
         level=overall_check_level(record.certificate),
         lines=compute_certificate_checks(record.certificate),
+        uses_in_words=uses_in_words,
         warnings=record.certificate.warnings,
         images={name: b64encode(content).decode() for name, content in _plot_certificate_images(calibration).items()},
         board_rows=_without_meaning([*_board_table_rows(record.certificate.board), *_view_table_rows(record)]),
@@ -200,6 +202,7 @@ def _second_ball_table_rows(second: SecondBallQuality | None) -> Rows:
         return []
     return [
         ("second ball, radius", f"{second.ball_radius_mm:g} mm"),
+        ("the same by the images", f"{second.likely_radius_mm:.2f} ± {second.likely_radius_std_mm:.2f} mm"),
         ("second ball, depth", f"{second.max_indentation_mm:.3f} ± {second.max_indentation_std_mm:.3f} mm"),
         ("second ball, residual (RMS)", f"{second.residual_rms_grey_levels:.2f} grey levels"),
         ("depth of the first ball, with the second", f"± {second.first_std_mm:.3f} mm"),

@@ -33,6 +33,7 @@ from ninedtact.calibration.twin.fit_uncertainty import (
     model_error_share,
     parameter_covariance,
 )
+from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, implied_ball_radius
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
 from ninedtact.calibration.twin.press_problems import BallPressProblem, JointPressProblem
 from ninedtact.calibration.twin.press_search import (
@@ -100,6 +101,8 @@ class FurtherPressFit:
     press: BallPressParameters
     ball: BallGauge
     residual_rms_grey_levels: float
+    implied_radius: ImpliedRadius
+    """The radius that all images imply."""
 
 
 @dataclass(frozen=True)
@@ -248,6 +251,7 @@ def fit_twin_to_ball_press(
     prior_terms = _make_prior_terms(design.gel, residual, sum(observations), priors)
     problem, vector, jacobian = fit_finely(problem, start, prior_terms)
     coefficients, residual = problem.fit_linear_terms(vector)
+    stacked = np.append(residual, prior_terms.residual(vector))
 
     def uncertainty() -> FitUncertainty:
         model_error = np.zeros_like(vector)
@@ -263,8 +267,9 @@ def fit_twin_to_ball_press(
             one,
             ball,
             float(np.sqrt(np.mean(residual[rows] ** 2))),
+            implied_ball_radius(problem, vector, jacobian, stacked, sum(observations), number),
         )
-        for one, ball, rows in zip(others, balls[1:], problem.rows[1:], strict=True)
+        for number, (one, ball, rows) in enumerate(zip(others, balls[1:], problem.rows[1:], strict=True), start=1)
     )
     return TwinFit(
         problem.presses[0],
@@ -318,7 +323,7 @@ def _search_from_circles(
     coarse = _on_coarse_grid(problem)
     guesses = [_initial_guess(press, one.model.design) for press, one in zip(presses, coarse.presses, strict=True)]
     start = join_presses([BallPressParameters.from_vector(guess) for guess in guesses])
-    return fit_coarsely(coarse, leave_some_gel(coarse, start)[0] if len(presses) > 1 else start)
+    return fit_coarsely(coarse, leave_some_gel(coarse, start)[0])
 
 
 def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:

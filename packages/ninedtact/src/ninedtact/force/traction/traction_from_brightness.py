@@ -14,9 +14,10 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact.force.hidden_twist import contact_extent
 from ninedtact.force.traction.brightness_from_traction import (
     DeformedSkin,
     ForwardModel,
@@ -255,11 +256,6 @@ class UncertaintyModel:
     """Relative error of what finite strain adds to the force."""
     torque_arm: float = 0.5
     """Arm of the unresolved force that makes a torque of its own, in radii of gyration of the pressure."""
-    twist: float = 0.08
-    """Torque T_z of a twist that the image does not show, over the force times the radius of gyration."""
-    round_twist: float = 0.3
-    """The same of a round contact, added in squares: the skin around it rises the same whichever way the object is twisted. The
-    torque of a ball that is twisted by 10° is 0.3 to 0.6."""
 
     def wrench_covariance(
         self, result: InversionResult, six: Float64[Array, "6"], modulus_mpa: float, stiffening: float = 1.0
@@ -274,11 +270,9 @@ class UncertaintyModel:
         relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
         relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
-        short_mm, long_mm = _half_axes_mm(pressure, *forward.cells.coordinates_mm)
-        force_times_radius_nm = abs(six[2]) * np.sqrt((short_mm**2 + long_mm**2) / 2) / 1e3
-        structure_nm = unresolved * self.torque_arm * force_times_radius_nm
-        roundness = (short_mm / long_mm) ** 2 if long_mm > 0 else 0.0
-        twist_nm = np.hypot(self.twist, self.round_twist * roundness) * force_times_radius_nm
+        extent = contact_extent(pressure, *forward.cells.coordinates_mm)
+        structure_nm = unresolved * self.torque_arm * abs(six[2]) * extent.radius_of_gyration_mm / 1e3
+        twist_nm = extent.hidden_torque_nm(six[2])
         return covariance + np.diag([0, 0, 0, structure_nm**2, structure_nm**2, structure_nm**2 + twist_nm**2])
 
     def _unresolved(self, pressure: Float64[Array, "rows cols"], forward: ForwardModel) -> float:
@@ -298,20 +292,6 @@ def _count_peaks(pressure: Float64[Array, "rows cols"]) -> float:
         return 1.0
     differences = sum(float((np.diff(pressure, axis=axis) ** 2).sum()) for axis in (0, 1))
     return max(float(pressure.sum()) ** 2 * differences / (4 * np.pi * square**2), 1.0)
-
-
-def _half_axes_mm(
-    pressure: Float64[Array, "rows cols"], x_mm: Float32[Array, "rows cols"], y_mm: Float32[Array, "rows cols"]
-) -> tuple[float, float]:
-    """Return the root mean square distances of the pressure from its centre along its short and its long axis; 0 without
-    pressure."""
-    total = float(pressure.sum())
-    if total <= 0:
-        return 0.0, 0.0
-    away = np.stack([mm - float((pressure * mm).sum()) / total for mm in (x_mm, y_mm)])
-    moments = np.einsum("rc,irc,jrc->ij", pressure, away, away) / total
-    short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(moments), 0.0)).tolist()
-    return short, long
 
 
 def _wrench_covariance(result: InversionResult) -> Float64[Array, "6 6"]:

@@ -1,0 +1,146 @@
+"""Whether a calibration notices a wrong pitch of the board or radius of a ball, and whether it suspects right ones.
+
+Real images are calibrated with right lengths, and with lengths wrong by 10, 15 and 20 % in both directions, by all steps of
+`ninedtact calibrate`. Sensors of the simulated population are calibrated with right lengths only. On some of them a second ball is
+pressed, whose radius is stated right or wrong. A wrong length is noticed where the calibration is refused, where a check of
+lengths, contact or second ball does not pass, or where the ball would have been pressed through the gel.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import cv2
+import tyro
+from figures import Figure, answer, at_least, at_most
+from real_images import calibration_images, sensor_folders
+from second_ball import images_with_second_ball
+
+from ninedtact import CalibrationImages, SensorDesign, calibrate
+from ninedtact.calibration.certificate.checks import compute_certificate_checks
+from ninedtact.design import BallGauge
+from ninedtact.errors import NinedtactError
+from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact_train.population.sensor_population import sample_sensor
+
+FACTORS = (0.8, 0.85, 0.9, 1.1, 1.15, 1.2)
+SECOND_FACTORS = (0.9, 1.1)
+OF_LENGTHS = ("Lengths", "Contact", "Second ball")
+PRESSED_THROUGH = "which is impossible"
+NOTICED, SUSPECTED = 0.8, 1 / 13
+"""Least share of wrong lengths that are noticed, and largest share of right ones that are suspected."""
+SECOND_RADIUS_MM, FRAMES = 2.5, 4
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One calibration and what it said of its lengths."""
+
+    kind: str
+    """`right`, or the length that is wrong."""
+    name: str
+    remarks: tuple[str, ...]
+
+    @property
+    def noticed(self) -> bool:
+        return bool(self.remarks)
+
+
+def wrong_lengths(
+    simulated: int = 12, second_balls: int = 4, seed: int = 613, quick: bool = False, json: bool = False
+) -> None:
+    """Calibrate with right and wrong lengths."""
+    cv2.setNumThreads(1)
+    if quick:
+        real = list(real_trials(1, (0.8,)))[:2]
+        answer("Wrong lengths", list(figures_of(real)), json)
+        return
+    trials = [*real_trials(), *simulated_trials(simulated, seed), *second_ball_trials(second_balls, seed)]
+    answer("Wrong lengths", list(figures_of(trials)), json)
+
+
+def real_trials(sensors: int | None = None, factors: tuple[float, ...] = FACTORS) -> Iterator[Trial]:
+    """Yield real sensors with right and wrong lengths; one whose ball is refused anyway has its board alone."""
+    for folder in sensor_folders()[:sensors]:
+        images = calibration_images(folder.name)
+        right = trial("right", folder.name, images, SensorDesign())
+        if right.remarks[:1] == ("refused",):
+            images = replace(images, ball_reference=None, ball=None)
+            right = trial("right", f"{folder.name}, board alone", images, SensorDesign())
+        yield right
+        for factor in factors:
+            yield trial("pitch", f"{right.name}, pitch × {factor:g}", images, with_lengths(pitch=factor))
+        for factor in factors if images.ball_pair is not None else ():
+            yield trial("radius", f"{right.name}, radius × {factor:g}", images, with_lengths(radius=factor))
+
+
+def simulated_trials(count: int, seed: int) -> Iterator[Trial]:
+    """Yield sensors of the population with right lengths."""
+    for number in range(count):
+        who = sample_sensor(number, seed)
+        made = simulate_calibration_images(who.twin(), who.design, presses=who.presses, frames=FRAMES)
+        yield trial("right, simulated", who.name, CalibrationImages(**vars(made)), who.design)
+
+
+def second_ball_trials(count: int, seed: int) -> Iterator[Trial]:
+    """Yield sensors of the population with a second ball of a right or wrong radius; those that are refused anyway are left out."""
+    for number in range(count):
+        who = sample_sensor(number, seed)
+        images = images_with_second_ball(who, SECOND_RADIUS_MM, who.presses.for_gel(who.design.gel).ball_depth_mm)
+        right = trial("right, second ball", who.name, images, with_lengths(second=1.0))
+        if right.remarks[:1] == ("refused",):
+            continue
+        yield right
+        for factor in SECOND_FACTORS:
+            design = with_lengths(second=factor)
+            yield trial("second radius", f"{who.name}, second radius × {factor:g}", images, design)
+
+
+def with_lengths(pitch: float = 1.0, radius: float = 1.0, second: float = 1.0) -> SensorDesign:
+    """The published design with lengths multiplied."""
+    design = SensorDesign()
+    board = replace(design.pin_board, pitch_mm=design.pin_board.pitch_mm * pitch)
+    return replace(design, pin_board=board, ball=BallGauge(design.ball.radius_mm * radius, SECOND_RADIUS_MM * second))
+
+
+def trial(kind: str, name: str, images: CalibrationImages, design: SensorDesign) -> Trial:
+    """Calibrate, and keep what is said of lengths."""
+    start_s = perf_counter()
+    try:
+        certificate = calibrate(images, design).record.certificate
+    except NinedtactError:
+        remarks: tuple[str, ...] = ("refused",)
+    else:
+        assert certificate is not None
+        lines = [
+            line.text.partition(":")[0] for line in compute_certificate_checks(certificate) if line.level != "pass"
+        ]
+        remarks = tuple(name for name in lines if name in OF_LENGTHS)
+        remarks += ("pressed through",) if any(PRESSED_THROUGH in text for text in certificate.warnings) else ()
+        if certificate.lengths is not None:
+            name += f" ({certificate.lengths.wrong_probability:.0%})"
+    print(f"{kind}: {name}: {', '.join(remarks) or 'silent'} [{perf_counter() - start_s:.0f} s]", flush=True)
+    return Trial(kind, name, remarks)
+
+
+def figures_of(trials: list[Trial]) -> Iterator[Figure]:
+    """The table of what was noticed, for each kind of trial."""
+    for kind in dict.fromkeys(one.kind for one in trials):
+        some = [one for one in trials if one.kind == kind]
+        noticed = [one for one in some if one.noticed]
+        by = {
+            remark: sum(remark in one.remarks for one in some) for remark in ("refused", *OF_LENGTHS, "pressed through")
+        }
+        words = ", ".join(f"{name} {count}" for name, count in by.items() if count) or "nothing"
+        yield Figure(f"{kind}: {len(some)} calibrations, said", words)
+        share = len(noticed) / len(some)
+        if kind.startswith("right"):
+            yield at_most(f"{kind}: suspected", share, SUSPECTED)
+        else:
+            yield at_least(f"{kind} wrong: noticed", share, NOTICED)
+    if wrong := [one for one in trials if one.kind in ("pitch", "radius")]:
+        yield at_least("pitch or radius wrong: noticed", sum(one.noticed for one in wrong) / len(wrong), NOTICED)
+
+
+if __name__ == "__main__":
+    tyro.cli(wrong_lengths)
