@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact.design import Gel, SensingArea, SensorDesign, rectified_mm_per_px
+from ninedtact.calibration.certificate.length_evidence import ball_clues, board_clues, weigh_length_clues
+from ninedtact.design import PUBLISHED_MM_PER_PX, Gel, SensingArea, SensorDesign, rectified_mm_per_px
 from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import Pose
@@ -17,7 +18,6 @@ from ninedtact.simulation.gel_brightness import (
     FITTED_PARAMETERS,
     BrightnessModel,
     GlarePatch,
-    deviation_from_population,
 )
 from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.population.real_sensor_twins import REAL_FITS
@@ -67,16 +67,21 @@ def test_real_sensors_and_every_mixture_of_them_are_usual(weights: list[float]) 
     share = np.array(weights) / sum(weights)
     mixed = {name: float(share @ [getattr(fit.light, name) for fit in REAL_FITS]) for name in vars(BrightnessModel())}
     gel = Gel(float(share @ [fit.thickness_mm for fit in REAL_FITS]))
-    assert deviation_from_population(BrightnessModel(**mixed), gel) < 2.7
+    assert wrong_probability(BrightnessModel(**mixed), gel, SensorDesign()) < 0.12
 
 
-def test_few_sensors_of_the_population_are_unusual(members: list[SampledSensor]) -> None:
-    deviations = [deviation_from_population(one.light, one.gel) for one in members]
-    assert np.mean(np.array(deviations) > 3.2) < 0.05
+def wrong_probability(light: BrightnessModel, gel: Gel, design: SensorDesign) -> float:
+    """The probability of a wrong length that is stated of a sensor whose lengths are right."""
+    board = board_clues(PUBLISHED_MM_PER_PX, 640, 0.63, 0.48, design)
+    return weigh_length_clues(board + ball_clues(light, gel, design), design).wrong_probability
+
+
+def test_few_sensors_of_the_population_are_suspected(members: list[SampledSensor]) -> None:
+    suspicions = [wrong_probability(one.light, one.gel, SensorDesign()) for one in members]
+    assert np.mean(np.array(suspicions) > 0.12) < 1 / 13
     wide = SensorDesign(gel=Gel(1.25, 0.2))
-    assert [
-        deviation_from_population(one.light, one.gel, wide) for one in (sample_sensor(n, design=wide) for n in range(6))
-    ] == (pytest.approx(deviations[:6]))
+    scaled = [wrong_probability(one.light, one.gel, wide) for one in (sample_sensor(n, design=wide) for n in range(6))]
+    assert scaled == pytest.approx(suspicions[:6])
 
 
 @pytest.mark.parametrize("count", [10, 40, MANY])

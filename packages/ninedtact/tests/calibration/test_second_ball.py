@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from ninedtact.calibration.ball.ball_fit import fit_ball
+from ninedtact.calibration.ball.second_ball import find_second_press, second_ball_quality
+from ninedtact.calibration.certificate.checks import compute_certificate_checks
 from ninedtact.calibration.guidance import guided_capture_steps
 from ninedtact.calibration.press_plan import known_press_of_design, plan_second_press
 from ninedtact.calibration.procedure import SECOND_BALL_NAMES
 from ninedtact.calibration.save import save_images_beside, to_sensor_toml
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-from ninedtact.calibration.sensor_toml_schema import StoredCalibrationImage
+from ninedtact.calibration.sensor_toml_schema import Certificate, StoredCalibrationImage
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.calibration.twin.ball_press_fit import prior_of_base
 from ninedtact.calibration.twin.fit_parameters import (
@@ -132,6 +135,7 @@ def test_a_second_ball_tells_the_depth_and_is_kept(
     assert second is not None and second.ball_radius_mm == 2.5
     assert second.max_indentation_mm == pytest.approx(1.0, rel=0.03)
     assert second.first_std_mm < second.first_std_alone_mm
+    assert abs(second.likely_radius_mm - 2.5) < 2 * second.likely_radius_std_mm < 0.4
     ball = sensor.record.certificate.ball
     assert ball.max_indentation_mm == pytest.approx(1.8, rel=0.03)
     now = sensor.record.twin
@@ -139,6 +143,18 @@ def test_a_second_ball_tells_the_depth_and_is_kept(
     assert depth.std < depth_before.std and abs(depth.value - 1.8) < 2.5 * depth.std
     assert {*SECOND_BALL_NAMES} <= sensor.record.images.keys()
     assert "second ball, depth" in (sensor.path / "certificate.html").read_text()
+
+
+def test_a_second_ball_of_another_radius_than_stated_is_noticed(with_second_ball: SensorFolder) -> None:
+    sensor, larger = with_second_ball, replace(SensorDesign(), ball=BallGauge(second_radius_mm=2.9))
+    pair = [sensor.stored_image(name).image for name in ("ball_reference", "ball")]
+    second = [sensor.stored_image(name).image for name in SECOND_BALL_NAMES]
+    further = find_second_press(sensor.rectification, (second[0], second[1]), larger, "physics")
+    ball = fit_ball(sensor.rectification, pair[0], pair[1], larger, further=further)
+    found = second_ball_quality(ball.twin_fit)
+    assert found is not None and abs(found.likely_radius_mm - 2.5) < 0.2
+    (check,) = compute_certificate_checks(Certificate(second_ball=found))
+    assert check.level == "warn" and "2.9 mm" in check.text and "calliper" in check.text
 
 
 def test_a_second_ball_that_cannot_be_used_is_named(

@@ -263,7 +263,7 @@ def _make_record(
             noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
             twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
     board_quality = None if board is None else _board_quality(board, rectify, settings.lens)
-    lengths = None if board is None else weigh_lengths(board, fits.twin, design)
+    lengths = weigh_lengths(board, fits.twin, design)
     warnings = _warnings(images, fits, design)
     return SensorTomlRecord(
         format=SENSOR_FORMAT,

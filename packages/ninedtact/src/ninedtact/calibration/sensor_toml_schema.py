@@ -237,7 +237,7 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     second_ball: SecondBallQuality | None = None
     """None where no second ball was pressed."""
     lengths: LengthQuality | None = None
-    """None where the lens was imported."""
+    """None where the lens was imported and no twin was fitted."""
     warnings: list[str] = field(default_factory=list)
 
 

@@ -13,8 +13,7 @@ whose slope is fitted for each sensor.
 A twin that has no reference image gets a synthetic one: eight white LEDs around a rectangle, with faint clouds. Reflections of the
 LEDs may lie over it (`GlarePatch`); their light does not come through the gel and stays the same under a contact.
 
-`FITTED_PARAMETERS` are the distributions of the parameters that a calibration fits to real sensors; `deviation_from_population`
-tells how far a fitted sensor is from their middle.
+`FITTED_PARAMETERS` are the distributions of the parameters that a calibration fits to real sensors.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +26,7 @@ from jaxtyping import Float, Float32
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.design import Gel, SensorDesign, require_positive
+from ninedtact.design import SensorDesign, require_positive
 from ninedtact.errors import InputError
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 
@@ -240,15 +239,3 @@ with which the gel acts over the designed one."""
 def sample_clipped_normal(rng: np.random.Generator, count: int) -> Float[Array, " count"]:
     """Sample standard normal numbers, clipped at `REACH`."""
     return np.clip(rng.standard_normal(count), -REACH, REACH)
-
-
-def deviation_from_population(light: BrightnessModel, gel: Gel, design: SensorDesign = PUBLISHED_DESIGN) -> float:
-    """Return how far a fitted sensor is from the middle of the population: the root of the summed squares of the deviations of its
-    parameters, each in standard deviations. One press hardly tells the global dimming, which is left out.
-
-    Half of the sensors of the population are within 2.1, and 98 of 100 within 3.2.
-    """
-    published = scale_brightness_to_design(light, PUBLISHED_DESIGN, measured_on=design)
-    found = {**vars(published), "relative_thickness": gel.thickness_mm / design.gel.thickness_mm}
-    compared = {name: one for name, one in FITTED_PARAMETERS.items() if name != "global_dimming"}
-    return float(np.linalg.norm([one.deviation(found[name]) for name, one in compared.items()]))

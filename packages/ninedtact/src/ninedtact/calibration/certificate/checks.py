@@ -227,7 +227,7 @@ SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondBallQuality], ...] = (
     ),
 )
 LENGTH_CHECKS: tuple[CertificateCheck[LengthQuality], ...] = (
-    # One in sixteen sensors of the population with right lengths is beyond (`certificate.length_evidence`). A wrong length that is
+    # Of the population with right lengths, 6 % is beyond (`certificate.length_evidence`). A wrong length that is
     # noticed late costs more than a measurement with a calliper.
     CertificateCheck(
         lambda lengths: lengths.wrong_probability,

@@ -69,11 +69,13 @@ class LengthClue:
         return np.asarray(np.log((usual + unlike) / self.spread + 1e-300))
 
 
-def weigh_lengths(board: BoardFit, twin: TwinFit | None, design: SensorDesign) -> LengthQuality:
-    """Return what a calibration says of its stated lengths; twin: the fit to the ball, None where there is none."""
-    spread_mm = None if twin is None else twin.light.point_spread_mm
-    clues = board_clues(board.mm_per_px, max(board.change.shape), board.imprint_radius_mm, spread_mm, design)
-    return weigh_length_clues(clues + ([] if twin is None else ball_clues(twin.light, twin.gel, design)), design)
+def weigh_lengths(board: BoardFit | None, twin: TwinFit | None, design: SensorDesign) -> LengthQuality | None:
+    """Return what the fits of board and ball say of the stated lengths; None where there are none of both."""
+    clues = [] if twin is None else ball_clues(twin.light, twin.gel, design)
+    if board is not None:
+        spread_mm = None if twin is None else twin.light.point_spread_mm
+        clues += board_clues(board.mm_per_px, max(board.change.shape), board.imprint_radius_mm, spread_mm, design)
+    return weigh_length_clues(clues, design) if clues else None
 
 
 def board_clues(
@@ -86,8 +88,9 @@ def board_clues(
     """
     design_mm = PUBLISHED_MM_PER_PX * RectifiedImageSize().raw_long_side_px
     design_mm *= lens_for_design(design).mm_per_unit / lens_for_design(PUBLISHED_DESIGN).mm_per_unit
-    blurred = (point_spread_mm or _USUAL_POINT_SPREAD_MM) / _USUAL_POINT_SPREAD_MM
-    imprint_mm = _IMPRINT_PER_PIN * design.pin_board.pin_diameter_mm / 2 * blurred**_IMPRINT_PER_POINT_SPREAD
+    pin_mm, usual_pin_mm = (one.pin_board.pin_diameter_mm / 2 for one in (design, PUBLISHED_DESIGN))
+    blurred = (point_spread_mm or _USUAL_POINT_SPREAD_MM) / pin_mm * usual_pin_mm / _USUAL_POINT_SPREAD_MM
+    imprint_mm = _IMPRINT_PER_PIN * pin_mm * blurred**_IMPRINT_PER_POINT_SPREAD
     return [
         # Gel and camera are mounted to a few tenths of a millimetre over some ten millimetres of optical path, and lenses differ by
         # a per cent or two. Housings of other sizes are built, too: in the tail.
