@@ -1,9 +1,10 @@
 """Whether a calibration notices a wrong pitch of the board or radius of a ball, and whether it suspects right ones.
 
 Real images are calibrated with right lengths, and with lengths wrong by 10, 15 and 20 % in both directions, by all steps of
-`ninedtact calibrate`. Sensors of the simulated population are calibrated with right lengths only. On some of them a second ball is
-pressed, whose radius is stated right or wrong. A wrong length is noticed where the calibration is refused, where a check of
-lengths, contact or second ball does not pass, or where the ball would have been pressed through the gel.
+`ninedtact calibrate`. Sensors of the simulated population are fitted with right lengths only. On some of them a second ball is
+pressed, whose radius is stated right or wrong. Their lens is that of the pins alone, which is done sooner. A wrong length is
+noticed where the calibration is refused, where a check of lengths, contact or second ball does not pass, or where the ball would
+have been pressed through the gel.
 """
 
 from collections.abc import Iterator
@@ -17,7 +18,13 @@ from real_images import calibration_images, sensor_folders
 from second_ball import images_with_second_ball
 
 from ninedtact import CalibrationImages, SensorDesign, calibrate
-from ninedtact.calibration.certificate.checks import compute_certificate_checks
+from ninedtact.calibration.ball.ball_press import find_ball_press
+from ninedtact.calibration.ball.second_ball import find_second_press, second_ball_quality
+from ninedtact.calibration.board.board_fit import build_rectification, fit_board
+from ninedtact.calibration.certificate.checks import compute_certificate_checks, press_through_gel_warnings
+from ninedtact.calibration.certificate.length_evidence import weigh_lengths
+from ninedtact.calibration.sensor_toml_schema import Certificate
+from ninedtact.calibration.twin.ball_press_fit import fit_twin_to_ball_press
 from ninedtact.design import BallGauge
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.calibration_images import simulate_calibration_images
@@ -79,7 +86,7 @@ def simulated_trials(count: int, seed: int) -> Iterator[Trial]:
     for number in range(count):
         who = sample_sensor(number, seed)
         made = simulate_calibration_images(who.twin(), who.design, presses=who.presses, frames=FRAMES)
-        yield trial("right, simulated", who.name, CalibrationImages(**vars(made)), who.design)
+        yield trial("right, simulated", who.name, CalibrationImages(**vars(made)), who.design, refines_lens=False)
 
 
 def second_ball_trials(count: int, seed: int) -> Iterator[Trial]:
@@ -87,13 +94,14 @@ def second_ball_trials(count: int, seed: int) -> Iterator[Trial]:
     for number in range(count):
         who = sample_sensor(number, seed)
         images = images_with_second_ball(who, SECOND_RADIUS_MM, who.presses.for_gel(who.design.gel).ball_depth_mm)
-        right = trial("right, second ball", who.name, images, with_lengths(second=1.0))
+        right = trial("right, second ball", who.name, images, with_lengths(), refines_lens=False)
         if right.remarks[:1] == ("refused",):
             continue
         yield right
         for factor in SECOND_FACTORS:
             design = with_lengths(second=factor)
-            yield trial("second radius", f"{who.name}, second radius × {factor:g}", images, design)
+            name = f"{who.name}, second radius × {factor:g}"
+            yield trial("second radius", name, images, design, refines_lens=False)
 
 
 def with_lengths(pitch: float = 1.0, radius: float = 1.0, second: float = 1.0) -> SensorDesign:
@@ -103,11 +111,11 @@ def with_lengths(pitch: float = 1.0, radius: float = 1.0, second: float = 1.0) -
     return replace(design, pin_board=board, ball=BallGauge(design.ball.radius_mm * radius, SECOND_RADIUS_MM * second))
 
 
-def trial(kind: str, name: str, images: CalibrationImages, design: SensorDesign) -> Trial:
+def trial(kind: str, name: str, images: CalibrationImages, design: SensorDesign, refines_lens: bool = True) -> Trial:
     """Calibrate, and keep what is said of lengths."""
     start_s = perf_counter()
     try:
-        certificate = calibrate(images, design).record.certificate
+        certificate = calibrate(images, design).record.certificate if refines_lens else fit_once(images, design)
     except NinedtactError:
         remarks: tuple[str, ...] = ("refused",)
     else:
@@ -121,6 +129,21 @@ def trial(kind: str, name: str, images: CalibrationImages, design: SensorDesign)
             name += f" ({certificate.lengths.wrong_probability:.0%})"
     print(f"{kind}: {name}: {', '.join(remarks) or 'silent'} [{perf_counter() - start_s:.0f} s]", flush=True)
     return Trial(kind, name, remarks)
+
+
+def fit_once(images: CalibrationImages, design: SensorDesign) -> Certificate:
+    """The checks of lengths after one fit of the board and one of the balls."""
+    assert images.board_pair is not None and images.ball_pair is not None
+    board = fit_board(*images.board_pair, design.pin_board)
+    rectify = build_rectification(board, design)
+    second = find_second_press(rectify, images.second_ball_pair, design, "physics")
+    twin = fit_twin_to_ball_press(
+        find_ball_press(rectify, *images.ball_pair, design.ball, "physics"), design, (), (), second
+    )
+    warnings = press_through_gel_warnings(twin.press.depth_mm, design.gel)
+    return Certificate(
+        second_ball=second_ball_quality(twin), lengths=weigh_lengths(board, twin, design), warnings=warnings
+    )
 
 
 def figures_of(trials: list[Trial]) -> Iterator[Figure]:

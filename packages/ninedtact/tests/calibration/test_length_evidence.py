@@ -1,6 +1,7 @@
 """Wrong lengths: what sensors of one design share says of them, and right ones are left in peace."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from ninedtact.calibration.certificate.checks import LENGTH_CHECKS, compute_cert
 from ninedtact.calibration.certificate.length_evidence import LengthClue, ball_clues, board_clues, weigh_length_clues
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.sensor_toml_schema import LengthQuality
+from ninedtact.cli import main
 from ninedtact.design import PUBLISHED_MM_PER_PX, SensorDesign
 from ninedtact.simulation.gel_brightness import FITTED_PARAMETERS, BrightnessModel
 
@@ -81,3 +83,16 @@ def test_a_real_board_tells_a_wrong_pitch_without_a_ball(
         return next(line.level for line in lines if line.text.startswith("Lengths"))
 
     assert [level(factor) for factor in (0.85, 1.0, 1.2)] == ["warn", "pass", "warn"]
+
+
+def test_the_command_says_that_a_pitch_is_wrong_and_what_it_affects(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    images = real_data / "sensor_i"
+    pair = ["--board-reference", str(images / "board_reference.png"), "--board", str(images / "board.png")]
+    wrong = ["--design.pin-board.pitch-mm", "3.1", "--out", str(tmp_path / "sensor")]
+    assert main(["calibrate", *pair, *wrong]) == 0
+    said = capsys.readouterr().out
+    assert "1 of 6 checks warned (affects shape, force and twin)" in said
+    assert "warn (affects shape, force and twin): Lengths: " in said and "a pitch of 2.5 mm fits better" in said
+    assert "This affects shape, force and twin." in (tmp_path / "sensor" / "certificate.html").read_text()
