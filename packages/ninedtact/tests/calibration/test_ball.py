@@ -153,7 +153,8 @@ def test_real_sheared_ball_is_warned_of_once(real_images: dict[str, CalibrationI
     report = list(format_calibration(save_sensor(tmp_path / "sensor", made)))
     (said,) = (line for line in report if "was sheared" in line)
     assert (
-        said.startswith("  warn: Press: the bulge around the ball is uneven by 23.7%") and "press it straight" in said
+        said.startswith("  warn (affects shape, force and twin): Press: the bulge around the ball is uneven by 23.7%")
+        and "press it straight" in said
     )
     assert not any("asymmetric" in line for line in report)
 

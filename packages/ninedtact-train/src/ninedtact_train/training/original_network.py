@@ -18,6 +18,7 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
+from ninedtact.force.hidden_twist import hidden_torque_nm
 from ninedtact.force.network_input import InputChannels, NetworkInputBuilder, full_resolution_input_settings
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading
@@ -31,7 +32,8 @@ WRENCH_MIN, WRENCH_MAX = wrench_limits()
 
 @dataclass
 class OriginalNetworkForce(ForceEstimator):
-    """The original project's network on this sensor. Its standard deviation is the error in its authors' own test."""
+    """The original project's network on this sensor. Its standard deviation is the error in its authors' own test; that of T_z
+    contains at least the twist that no image shows."""
 
     network: DenseNet
     contact_test: ContactTest = detect_contact
@@ -44,16 +46,15 @@ class OriginalNetworkForce(ForceEstimator):
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
         if reading.image_warnings:
             return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
-        errors, stamp_ns = diagonal_covariance(np.array(PUBLISHED_SCORES_AT_SKIN.rmse)), reading.frame.stamp_ns
+        std, stamp_ns = np.array(PUBLISHED_SCORES_AT_SKIN.rmse), reading.frame.stamp_ns
         if not self.contact_test(reading):
-            return WrenchEstimate(zero_wrench(stamp_ns), errors, touching=False)
+            return WrenchEstimate(zero_wrench(stamp_ns), diagonal_covariance(std), touching=False)
         parts = self.parts(reading)
         six = WRENCH_MIN + parts.clip(0, 1) * (WRENCH_MAX - WRENCH_MIN)
         wrench = Wrench(six[:3], six[3:], np.array(ForceTorqueMount().origin_mm), stamp_ns).about_skin_centre()
-        at_an_end = ((parts < 0) | (parts > 1)).any()
-        return WrenchEstimate(
-            wrench, errors, touching=True, warnings=(EstimateWarning.OUT_OF_RANGE,) if at_an_end else ()
-        )
+        std[5] = max(std[5], hidden_torque_nm(reading, six[2]))
+        warnings = (EstimateWarning.OUT_OF_RANGE,) if ((parts < 0) | (parts > 1)).any() else ()
+        return WrenchEstimate(wrench, diagonal_covariance(std), touching=True, warnings=warnings)
 
     def parts(self, reading: Reading) -> Float64[Array, "6"]:
         """Return the network's six outputs for a reading, as fractions of their ranges."""

@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ninedtact.reading import Reading
+
 _ANY_CONTACT = 0.08
 """Hidden torque of any contact, over the force times the radius of gyration."""
 _ROUND_CONTACT = 0.3
@@ -60,3 +62,10 @@ def contact_extent(
     )
     short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(moments), 0.0)).tolist()
     return ContactExtent(short, long)
+
+
+def hidden_torque_nm(reading: Reading, force_n: float) -> float:
+    """Return one standard deviation of the torque about z, in N·m, that the image of a contact under this normal force hides."""
+    x_mm, y_mm = reading.height.axes_mm
+    pressed_mm = np.where(reading.contact, reading.height.indentation_mm, 0)
+    return contact_extent(pressed_mm, x_mm[None, :], y_mm[:, None]).hidden_torque_nm(force_n)

@@ -17,7 +17,7 @@ from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
-from ninedtact.force.hidden_twist import contact_extent
+from ninedtact.force.hidden_twist import hidden_torque_nm
 from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
 from ninedtact.force.onnx_model import ForceModel, ModelCard, WrenchPrediction
 from ninedtact.force.out_of_distribution import is_out_of_distribution
@@ -79,7 +79,7 @@ class NetworkForce(ForceEstimator):
         wrench = Wrench(six[:3], six[3:], stamp_ns=reading.frame.stamp_ns)
         warnings = tuple(prediction_warnings(inputs, six / self.relative_modulus, self.model.card))
         std = STD_PER_LAPLACE_SCALE * prediction.scale[0]
-        std[5] = max(std[5], _hidden_torque_nm(reading, six[2]))
+        std[5] = max(std[5], hidden_torque_nm(reading, six[2]))
         covariance = diagonal_covariance(std)
         return WrenchEstimate(wrench, covariance, touching=True, warnings=warnings)
 
@@ -107,13 +107,6 @@ class NetworkForce(ForceEstimator):
     def forget(self) -> None:
         """Forget the standard deviation without contact; readings are estimated one by one."""
         self._no_contact_std = None
-
-
-def _hidden_torque_nm(reading: Reading, force_n: float) -> float:
-    """Return one standard deviation of the torque about z that the image does not show, in N·m, for this normal force."""
-    x_mm, y_mm = reading.height.axes_mm
-    pressed_mm = np.where(reading.contact, reading.height.indentation_mm, 0)
-    return contact_extent(pressed_mm, x_mm[None, :], y_mm[:, None]).hidden_torque_nm(force_n)
 
 
 def prediction_warnings(
