@@ -5,9 +5,9 @@ less the mean absolute error over that of always answering the median. Run it wi
 are kept in out/force_on_real_fits and made once.
 
 `--wrong` shows what a mistake does to the calibration: a board of 3.1 mm pitch stated as 2.5 mm, a ball of 5 mm stated as 4 mm, a
-gel 20 % thinner or thicker than stated, a compliant substrate, a gel of finite strain. It also prints the warnings of the
-certificate. `--perfect-calibration` estimates with the light and gel of the twin itself, which shows what is lost by the inversion
-and the noise of one image alone.
+gel 20 % thinner or thicker than stated, a compliant substrate (`--base-stiffness`), a linear gel. It also prints the warnings and
+checks of the certificate. `--perfect-calibration` estimates with the light and gel of the twin itself, which shows what is lost by
+the inversion and the noise of one image alone.
 """
 
 import json
@@ -21,6 +21,7 @@ import numpy as np
 import tyro
 from real_images import calibrated
 
+from ninedtact.calibration.certificate.checks import compute_certificate_checks
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
@@ -92,16 +93,20 @@ def force_on_real_fits(
     out: Path = Path("out/force_on_real_fits"),
     sensors: tuple[str, ...] = ("A", "I", "L", "P", "Q", "R"),
     wrong: Wrong = "nothing",
+    base_stiffness: float = 10.0,
     perfect_calibration: bool = False,
     workers: int = 2,
     quick: bool = False,
 ) -> None:
-    """Print a table for each sensor, and the mean and worst of all. presses: number on each sensor."""
+    """Print a table for each sensor, and the mean and worst of all.
+
+    presses: number on each sensor. base_stiffness: modulus of a base that yields over that of the gel.
+    """
     cv2.setNumThreads(1)
     presses, sensors, workers = (2, ("A",), 1) if quick else (presses, sensors, workers)
-    out = out if wrong == "nothing" else out / wrong
+    out = out if wrong == "nothing" else out / (f"{wrong}_{base_stiffness:g}" if wrong == "yielding_base" else wrong)
     setups = [
-        Setup(mistaken(twin, wrong), out / f"sensor_{name}", out / f"{name}_{presses}.npz")
+        Setup(mistaken(twin, wrong, base_stiffness), out / f"sensor_{name}", out / f"{name}_{presses}.npz")
         for name, twin in twins_of_real_fits().items()
         if name in sensors
     ]
@@ -117,8 +122,10 @@ def force_on_real_fits(
             print(f"{one.member.name}: refused: {one.refusal}")
     setups = [one for one in setups if not one.refusal]
     for one in setups:
-        for warning in load_sensor(one.folder).record.certificate.warnings:
-            print(f"{one.member.name}: {warning}")
+        certificate = load_sensor(one.folder).record.certificate
+        lines = [line.text for line in compute_certificate_checks(certificate) if line.level != "pass"]
+        for said in (*certificate.warnings, *lines):
+            print(f"{one.member.name}: {said}")
     results = dict(run_jobs(judge, [(one, perfect_calibration) for one in setups], workers))
     show({one.member.name: results[number] for number, one in enumerate(setups)})
     if wrong == "nothing" and not perfect_calibration:
@@ -158,7 +165,7 @@ def make_presses(member: SampledSensor, file: Path, presses: int) -> None:
     np.savez(file, wrenches=np.array(wrenches), objects=json.dumps(objects), **packed)
 
 
-def mistaken(member: SampledSensor, wrong: Wrong) -> SampledSensor:
+def mistaken(member: SampledSensor, wrong: Wrong, base_stiffness: float) -> SampledSensor:
     """Return the twin of which something is stated wrongly, or assumed that does not hold."""
     design, gel = member.design, member.gel
     if wrong == "pitch":
@@ -166,7 +173,7 @@ def mistaken(member: SampledSensor, wrong: Wrong) -> SampledSensor:
     if wrong == "radius":
         return replace(member, design=replace(design, ball=replace(design.ball, radius_mm=5.0)))
     if wrong == "yielding_base":
-        return replace(member, gel=replace(gel, gel_to_base_modulus_ratio=0.1))
+        return replace(member, gel=replace(gel, gel_to_base_modulus_ratio=1 / base_stiffness))
     return replace(member, gel=replace(gel, finite_strain=0.0)) if wrong == "linear" else member
 
 

@@ -19,8 +19,8 @@ from ninedtact.simulation.calibration_press_models import ParameterVector
 _DIFFERENCE_STEP = 0.03
 """Relative step of the radius for the difference quotient."""
 _MODEL_STD = 0.022
-"""Relative standard deviation of the radius that the model leaves: the scatter of eight simulated sensors with right radii, on bases
-of all kinds."""
+"""Relative standard deviation of the radius that the model leaves: the scatter of eight simulated sensors with right radii, on
+bases of all kinds."""
 
 
 @dataclass(frozen=True)
