@@ -1,10 +1,11 @@
 """Whether a calibration notices a wrong pitch of the board or radius of a ball, and whether it suspects right ones.
 
 Real images are calibrated with right lengths, and with lengths wrong by 10, 15 and 20 % in both directions, by all steps of
-`ninedtact calibrate`. Sensors of the simulated population are fitted with right lengths only. On some of them a second ball is
-pressed, whose radius is stated right or wrong. Their lens is that of the pins alone, which is done sooner. A wrong length is
-noticed where the calibration is refused, where a check of lengths, contact or second ball does not pass, or where the ball would
-have been pressed through the gel.
+`ninedtact calibrate`. Twins of six real sensors are fitted with right lengths and, where their board has a pitch of 3.1 mm, with
+the usual one; sensors of the simulated population with right lengths only. On some of these a second ball is pressed, whose radius
+is stated right or wrong. The lens of simulated sensors is that of the pins alone, which is done sooner. A wrong length is noticed
+where the calibration is refused, where a check of lengths, contact or second ball does not pass, or where the ball would have been
+pressed through the gel.
 """
 
 from collections.abc import Iterator
@@ -28,6 +29,7 @@ from ninedtact.calibration.twin.ball_press_fit import fit_twin_to_ball_press
 from ninedtact.design import BallGauge
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.calibration_images import simulate_calibration_images
+from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.sensor_population import sample_sensor
 
 FACTORS = (0.8, 0.85, 0.9, 1.1, 1.15, 1.2)
@@ -62,8 +64,8 @@ def wrong_lengths(
         real = list(real_trials(1, (0.8,)))[:2]
         answer("Wrong lengths", list(figures_of(real)), json)
         return
-    trials = [*real_trials(), *simulated_trials(simulated, seed), *second_ball_trials(second_balls, seed)]
-    answer("Wrong lengths", list(figures_of(trials)), json)
+    of_twins = [*twin_trials(), *simulated_trials(simulated, seed), *second_ball_trials(second_balls, seed)]
+    answer("Wrong lengths", list(figures_of([*real_trials(), *of_twins])), json)
 
 
 def real_trials(sensors: int | None = None, factors: tuple[float, ...] = FACTORS) -> Iterator[Trial]:
@@ -79,6 +81,16 @@ def real_trials(sensors: int | None = None, factors: tuple[float, ...] = FACTORS
             yield trial("pitch", f"{right.name}, pitch × {factor:g}", images, with_lengths(pitch=factor))
         for factor in factors if images.ball_pair is not None else ():
             yield trial("radius", f"{right.name}, radius × {factor:g}", images, with_lengths(radius=factor))
+
+
+def twin_trials() -> Iterator[Trial]:
+    """Yield the twins of six real sensors with right lengths, and those of another pitch with the usual one."""
+    for name, who in twins_of_real_fits().items():
+        images = CalibrationImages(**vars(simulate_calibration_images(who.twin(), who.design, presses=who.presses)))
+        stated = replace(SensorDesign(), pin_board=who.design.pin_board)
+        yield trial("right, twin of a real fit", name, images, stated, refines_lens=False)
+        if stated != SensorDesign():
+            yield trial("pitch of a twin", f"{name}, usual pitch", images, SensorDesign(), refines_lens=False)
 
 
 def simulated_trials(count: int, seed: int) -> Iterator[Trial]:

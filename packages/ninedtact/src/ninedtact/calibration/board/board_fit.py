@@ -68,6 +68,8 @@ from ninedtact.shape.lens_and_rectification import (
 """The lens model, or the paper's map through the pins."""
 
 _REFINEMENT_ITERATIONS = 4
+_PITCH_PER_PIN = PinBoard().pitch_mm / PinBoard().pin_diameter_mm
+"""Largest pitch, in diameters of a pin, by which an imprint is measured."""
 SMOOTHING_PX = 1.0
 
 
@@ -112,7 +114,10 @@ class BoardFit:
     @cached_property
     def imprint_radius_mm(self) -> float:
         """Radius at which the imprints of the found pins are half as dark as in the middle."""
-        image, reach_mm = smooth_gaussian(self.change, SMOOTHING_PX), IMPRINT_RADIUS_PITCHES * self.board.pitch_mm
+        image = smooth_gaussian(self.change, SMOOTHING_PX)
+        # The depth counts from the ring around the imprint, so that pins far apart are measured as those of the published board.
+        pitch_mm = min(self.board.pitch_mm, _PITCH_PER_PIN * self.board.pin_diameter_mm)
+        reach_mm = IMPRINT_RADIUS_PITCHES * pitch_mm
         centres_mm = locate_imprints_mm(image, self.projection, self.points_mm[self.found], reach_mm)
         return imprint_radius_mm(image, self.projection, centres_mm, reach_mm)
 
