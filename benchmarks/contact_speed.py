@@ -20,12 +20,12 @@ from numpy import ndarray as Array
 from turns import Tasks, Times, in_turns
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact, periodic_image_error_mm
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.layer_compliance import half_space_compliance
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
+from ninedtact.mechanics.numpy_or_torch_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, Skin, gel_skin, padded_grid
 from ninedtact.simulation.twin import default_twin

@@ -16,7 +16,7 @@ from figures import Figure, answer, at_most, holds
 from ninedtact import CalibrationImages, SensorDesign, calibrate
 from ninedtact.calibration.ball.ball_press import find_ball_press
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
-from ninedtact.calibration.press_plan import (
+from ninedtact.calibration.second_press_plan import (
     CandidatePress,
     KnownPress,
     errors_with_candidate,

@@ -101,11 +101,13 @@ def assemble_sensor(
     moments_s: as `reference_at_s` of `open`, which has the other parameters and says what is raised.
     """
     from ninedtact.calibration.drift.reference_check import load_reference_image_checker
-    from ninedtact.reference_images import ReferenceImages, following_settings_for
+    from ninedtact.reference_images import ReferenceImages, reference_following_settings_for
     from ninedtact.sensor import Sensor
 
     shape, check = folder.shape, load_reference_image_checker(folder)
-    images = ReferenceImages(find_faults=check.find_faults, following=following_settings_for(frames, follow_reference))
+    images = ReferenceImages(
+        find_faults=check.find_faults, following=reference_following_settings_for(frames, follow_reference)
+    )
     if references:
         images.given = shape.depth_reader(*check.read_images([Path(path) for path in references]))
     elif frames.reference_frames:

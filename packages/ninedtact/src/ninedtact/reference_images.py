@@ -53,7 +53,7 @@ class FollowingSettings:
     """Time constant with which this part decays."""
 
 
-def following_settings_for(source: FrameSource, follow: bool | None = None) -> FollowingSettings | None:
+def reference_following_settings_for(source: FrameSource, follow: bool | None = None) -> FollowingSettings | None:
     """Return how the reference follows on a source, None where it does not: by default on live sources alone.
 
     The images of a recording may be separate in time, and the same recording should give the same readings from any image on.

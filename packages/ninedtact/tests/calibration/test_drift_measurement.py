@@ -22,7 +22,7 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, Rectified, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.lens_and_rectification import LensModel, rectification_of_projection
-from ninedtact.shape.skin_recognition import SkinMotion, measure_skin_motion
+from ninedtact.shape.skin_identity import SkinMotion, measure_skin_motion
 
 SIZE = RectifiedImageSize(150, 200, 64)
 MM_PER_PX, RAW_PX_PER_MM = 0.1, 16.0

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ninedtact.calibration.force_calibration import CALIBRATION_BALL, STANDARD_GRAVITY
-from ninedtact.calibration.free_pressing.alignment import (
+from ninedtact.calibration.free_pressing.force_torque_alignment import (
     EstimatedMoments,
     fit_alignment,
 )

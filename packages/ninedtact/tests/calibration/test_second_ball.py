@@ -14,9 +14,9 @@ from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.ball.second_ball import find_second_press, second_ball_quality
 from ninedtact.calibration.certificate.checks import compute_certificate_checks
 from ninedtact.calibration.guidance import guided_capture_steps
-from ninedtact.calibration.press_plan import known_press_of_design, plan_second_press
 from ninedtact.calibration.procedure import SECOND_BALL_NAMES
 from ninedtact.calibration.save import save_images_beside, to_sensor_toml
+from ninedtact.calibration.second_press_plan import known_press_of_design, plan_second_press
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.calibration.sensor_toml_schema import Certificate, StoredCalibrationImage
 from ninedtact.calibration.settings import CalibrationSettings

@@ -23,7 +23,7 @@ from ninedtact.calibration.twin.lens_refinement import (
     appearing_imprints_mm,
 )
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
-from ninedtact.calibration.twin.press_problems import BallPressProblem
+from ninedtact.calibration.twin.press_fit_residuals import BallPressProblem
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.quantities import Rectified, skin_grid_mm

@@ -11,7 +11,7 @@ import pytest
 from ninedtact.capture.camera_check import describe_camera_settings
 from ninedtact.capture.camera_delay import (
     CameraDelay,
-    FileLight,
+    LightSwitchedByFile,
     SimulatedDelayedCamera,
     SimulatedLight,
     TerminalLight,
@@ -148,16 +148,16 @@ def test_a_delay_is_given_or_that_which_the_folder_keeps_of_this_camera(tmp_path
 
 def test_a_light_that_cannot_be_switched_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="expected to switch the light by writing"):
-        FileLight(tmp_path / "missing").switch(True)
+        LightSwitchedByFile(tmp_path / "missing").switch(True)
     (tmp_path / "brightness").write_text("0")
-    FileLight(tmp_path / "brightness").switch(True)
+    LightSwitchedByFile(tmp_path / "brightness").switch(True)
     assert (tmp_path / "brightness").read_text() == "1" and not (tmp_path / "missing").exists()
 
 
 def test_an_led_is_switched_to_its_largest_brightness(tmp_path: Path) -> None:
     (tmp_path / "max_brightness").write_text("255\n")
     (tmp_path / "brightness").write_text("7")
-    light = FileLight(tmp_path / "brightness")
+    light = LightSwitchedByFile(tmp_path / "brightness")
     for is_on, written in ((True, "255"), (False, "0")):
         light.switch(is_on)
         assert (tmp_path / "brightness").read_text() == written

@@ -9,7 +9,7 @@ import pytest
 import torch
 from gels import BALL, DOUBLE, GEL, model
 
-from ninedtact.mechanics import contact_arrays
+from ninedtact.mechanics import numpy_or_torch_arrays
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Cone, LyingCylinder
@@ -100,7 +100,7 @@ def test_who_is_done_waits_for_nobody_and_is_not_changed_by_it(monkeypatch: pyte
     poses = Pose(np.linspace(0, 1, 12), 0.0, depths, np.linspace(0, 0.5, 12)), Pose(np.linspace(0, 1, 12), 0.2, depths)
     found = []
     for fewest in (100, 1):
-        monkeypatch.setattr(contact_arrays, "MIN_CONTACTS_TO_SPLIT", fewest)
+        monkeypatch.setattr(numpy_or_torch_arrays, "MIN_CONTACTS_TO_SPLIT", fewest)
         found.append(list(pressing.follow(BALL, poses))[-1])
     waited, halved = found
     assert waited.iterations.tolist() == halved.iterations.tolist()

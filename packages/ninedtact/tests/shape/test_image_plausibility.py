@@ -17,7 +17,7 @@ from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading
 from ninedtact.shape.image_plausibility import ImageImplausible, find_image_warnings, require_plausible_image
 from ninedtact.shape.lens_and_rectification import to_grey_float
-from ninedtact.shape.skin_recognition import shows_another_skin
+from ninedtact.shape.skin_identity import shows_another_skin
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 

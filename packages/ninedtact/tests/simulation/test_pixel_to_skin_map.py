@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
+from ninedtact.mechanics.numpy_or_torch_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, blur_and_refine_fields, zero_pad_spectrum
 

@@ -34,11 +34,11 @@ from ninedtact.errors import InputError
 from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.socket_guard import SocketGuard, SocketLimits
 from ninedtact.simulation.press_sequence import PressSequence
+from ninedtact.studio.accepted_page_messages import PART_BYTES, UploadTest, decode_page_message
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_session import SwitchableCamera
 from ninedtact.studio.page_controller import PageMoment
-from ninedtact.studio.page_messages import PART_BYTES, UploadTest, decode_page_message
 from ninedtact.studio.page_server import PageServer, draw_unless_interrupted, page_server
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext

@@ -23,13 +23,6 @@ from ninedtact.mechanics.active_region import (
     points_inside_rectangles,
     whole_grid_rectangle,
 )
-from ninedtact.mechanics.contact_arrays import (
-    array_namespace_of,
-    drop_grid_axes,
-    expand_over_grid,
-    max_over_grid,
-    to_numpy,
-)
 from ninedtact.mechanics.contact_model import (
     ContactModel,
     ContactProblem,
@@ -47,6 +40,13 @@ from ninedtact.mechanics.contact_result import (
 )
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.normal_contact import ContactConstraint
+from ninedtact.mechanics.numpy_or_torch_arrays import (
+    array_namespace_of,
+    drop_grid_axes,
+    expand_over_grid,
+    max_over_grid,
+    to_numpy,
+)
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
 from ninedtact.simulation.twin import Press

@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
-from ninedtact.force.brightness_channels import render_deformation, split_darker_brighter
+from ninedtact.force.brightness_channels import render_brightness_change, split_darker_brighter
 from ninedtact.quantities import Deformation
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files
 from ninedtact_train.dataset.parquet_files import (
@@ -92,4 +92,4 @@ def _render_pair(row: dict[str, Any], references: ReferenceImageFile) -> UInt8[A
         return None
     grey, reference_grey = image.astype(np.float32), reference.astype(np.float32)
     darker, brighter = (_CONTRAST * part for part in split_darker_brighter(grey, reference_grey))
-    return render_deformation(Deformation(darker, brighter, reference_grey, 1.0))
+    return render_brightness_change(Deformation(darker, brighter, reference_grey, 1.0))

@@ -11,7 +11,7 @@ ball/                the contact circle, the depth curve by physics or by the di
 twin/                contact mechanics and light, fitted to the presses; the lens refined with them
 sensor_toml_schema.py  the schema of sensor.toml; sensor_folder.py reads the folder, save.py writes it
 certificate/         checks, plots and the page that a person reads
-press_plan.py        what a second press would tell, computed before it is made
+second_press_plan.py what a second press would tell, computed before it is made
 guidance.py          advice to a person who calibrates with a camera
 drift/               today's reference image against the calibrated one
 original_9dtact/     import and export of the original project's calibration folders

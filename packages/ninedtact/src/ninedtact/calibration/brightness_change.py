@@ -21,7 +21,7 @@ from ninedtact.errors import CalibrationError
 from ninedtact.quantities import BgrImage, Rectified, centred_axis_mm
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 from ninedtact.shape.lens_and_rectification import to_grey_float
-from ninedtact.shape.skin_recognition import measure_skin_motion
+from ninedtact.shape.skin_identity import measure_skin_motion
 
 MIN_REFERENCE_GREY = 8.0
 """Grey level of the reference image below which a relative change is mostly noise."""

@@ -88,7 +88,7 @@ class TerminalLight(LightSwitch):
         self._terminal.flush()
 
 
-class FileLight(LightSwitch):
+class LightSwitchedByFile(LightSwitch):
     """A light that follows a file into which 1 or 0 is written, such as `/sys/class/leds/NAME/brightness` or a GPIO's `value`.
 
     Where a file `max_brightness` stands beside it, as beside that of an LED, its number is written in place of 1.

@@ -68,12 +68,19 @@ class CameraDelayCommand:
 
     def _camera_and_light(self) -> "tuple[FrameSource, LightSwitch]":
         """Return the camera, not yet opened, and the light; raises `InputError`."""
-        from ninedtact.capture.camera_delay import FileLight, SimulatedDelayedCamera, SimulatedLight, TerminalLight
+        from ninedtact.capture.camera_delay import (
+            LightSwitchedByFile,
+            SimulatedDelayedCamera,
+            SimulatedLight,
+            TerminalLight,
+        )
         from ninedtact.capture.frame_source import FIXED_EXPOSURE
         from ninedtact.capture.source_from_address import camera_or_file_source
 
         if is_twin_address(self.source):
             simulated = SimulatedLight()
             return SimulatedDelayedCamera(simulated), simulated
-        light = TerminalLight(sys.stderr) if self.light == SCREEN else FileLight(Path(self.light).expanduser())
+        light = (
+            TerminalLight(sys.stderr) if self.light == SCREEN else LightSwitchedByFile(Path(self.light).expanduser())
+        )
         return camera_or_file_source(self.source, FIXED_EXPOSURE), light

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ninedtact.cli.result_and_interrupt import print_result
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.press_plan import PlannedErrors, PressPlan
+    from ninedtact.calibration.second_press_plan import PlannedErrors, PressPlan
     from ninedtact.design import SensorDesign
 
 _COLUMNS = f"{'':52}{'pressed':>8}{'ball depth':>12}{'base':>9}{'thickness':>12}{'load':>8}"
@@ -16,7 +16,7 @@ _COLUMNS = f"{'':52}{'pressed':>8}{'ball depth':>12}{'base':>9}{'thickness':>12}
 
 def print_press_plan(out: Path, design: "SensorDesign", json: bool) -> int:
     """Print what a second press would tell of the sensor at `out`, or of a design where none is there; return the exit code."""
-    from ninedtact.calibration.press_plan import known_press_of_design, known_press_of_sensor, plan_second_press
+    from ninedtact.calibration.second_press_plan import known_press_of_design, known_press_of_sensor, plan_second_press
     from ninedtact.calibration.sensor_folder import SENSOR_FILE, load_sensor
 
     is_calibrated = (out / SENSOR_FILE).is_file()

@@ -195,7 +195,7 @@ class _Press:
     def contents(self, indenter: "Indenter", contact: "Contact") -> dict[str, bytes]:
         """Return the contents of all files but the heights, by name."""
         from ninedtact.simulation.ground_truth import true_pressure_map_mpa, true_shear_map_mpa
-        from ninedtact.simulation.press_figures import PressFigure
+        from ninedtact.simulation.press_drawing import PressFigure
 
         image = self.twin.renderer(contact, 1)
         drawn = PressFigure(contact, indenter, image, self.twin.renderer.pixel_map.reach_mm, self.cut)

@@ -22,7 +22,7 @@ from jaxtyping import Float32, Shaped, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.errors import FileFormatError, InputError
-from ninedtact.mechanics.contact_arrays import array_namespace_of
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of
 from ninedtact.quantities import Deformation, Rectified
 
 LEVELS = 256
@@ -155,7 +155,7 @@ def to_whole_grey_levels(image: UInt8[Array, "rows cols *bgr"], mm_per_px: float
     return Rectified(np.asarray(grey, np.float32), mm_per_px, stamp_ns)
 
 
-def render_deformation(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
+def render_brightness_change(deformation: Deformation) -> UInt8[Array, "rows cols 3"]:
     """Return an image (BGR) for display: red where darker, green where brighter, black where nothing changed."""
     green = cv2.convertScaleAbs(deformation.brighter, alpha=GREEN_PER_LEVEL)
     red = cv2.convertScaleAbs(deformation.darker, alpha=RED_PER_LEVEL)

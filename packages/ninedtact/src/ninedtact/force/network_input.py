@@ -31,7 +31,7 @@ from ninedtact.force.brightness_channels import (
     split_darker_brighter,
     stack_deformation_channels,
 )
-from ninedtact.mechanics.contact_arrays import array_namespace_of
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of
 from ninedtact.quantities import HeightMap, Rectified
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape

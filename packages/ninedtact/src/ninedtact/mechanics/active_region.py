@@ -14,8 +14,8 @@ import numpy as np
 from array_api_compat import device
 from jaxtyping import Bool, Float
 
-from ninedtact.mechanics.contact_arrays import array_namespace_of, max_over_grid, to_numpy
 from ninedtact.mechanics.indenter import NO_OBJECT_MM
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of, max_over_grid, to_numpy
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
 
 _SIZE_STEP = 8

@@ -18,17 +18,6 @@ from typing import Any
 import numpy as np
 
 from ninedtact.mechanics.active_region import ActiveRegion, find_touchable_region, whole_grid_region
-from ninedtact.mechanics.contact_arrays import (
-    PerContact,
-    ScalarPerContact,
-    array_namespace_of,
-    drop_grid_axes,
-    drop_grid_axes_of_counts,
-    expand_over_grid,
-    forward_transform,
-    inverse_transform,
-    max_over_grid,
-)
 from ninedtact.mechanics.contact_result import (
     Contact,
     require_converged,
@@ -39,6 +28,17 @@ from ninedtact.mechanics.contact_result import (
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, solve_shear
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
+from ninedtact.mechanics.numpy_or_torch_arrays import (
+    PerContact,
+    ScalarPerContact,
+    array_namespace_of,
+    drop_grid_axes,
+    drop_grid_axes_of_counts,
+    expand_over_grid,
+    forward_transform,
+    inverse_transform,
+    max_over_grid,
+)
 from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin, VectorField
 

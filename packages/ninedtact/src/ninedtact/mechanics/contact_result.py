@@ -17,7 +17,8 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.errors import InputError, SimulationError
-from ninedtact.mechanics.contact_arrays import (
+from ninedtact.mechanics.friction import slip_mask
+from ninedtact.mechanics.numpy_or_torch_arrays import (
     CountPerContact,
     PerContact,
     ScalarPerContact,
@@ -26,7 +27,6 @@ from ninedtact.mechanics.contact_arrays import (
     sum_over_grid,
     to_numpy,
 )
-from ninedtact.mechanics.friction import slip_mask
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.mechanics.skin import PeriodicGrid, PointMask, ScalarField, Skin, VectorField
 from ninedtact.quantities import Wrench

@@ -14,8 +14,8 @@ import numpy as np
 from array_api_compat import device
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact_arrays import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of, forward_transform, inverse_transform
 from ninedtact.mechanics.skin import ScalarField
 
 PRESSURE_STIFFENING = 1.7

@@ -9,7 +9,7 @@ Mechanics, 1985, §7). It is found by projected gradients with the step lengths 
 from dataclasses import dataclass
 from functools import cached_property
 
-from ninedtact.mechanics.contact_arrays import (
+from ninedtact.mechanics.numpy_or_torch_arrays import (
     ContactFlags,
     ContactIndices,
     PerContact,

@@ -18,8 +18,8 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
-from ninedtact.mechanics.contact_arrays import array_namespace_of, expand_over_grid
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Heights, Indenter
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of, expand_over_grid
 
 _MAX_STORED_GRIDS = 512
 """Largest number of height grids kept on a device; when there are more, all are dropped."""

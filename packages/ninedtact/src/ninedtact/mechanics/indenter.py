@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
-from ninedtact.mechanics.contact_arrays import ScalarPerContact, expand_over_grid
+from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, expand_over_grid
 from ninedtact.mechanics.pose import Pose
 
 Heights = Float[Any, "*batch rows cols"]

@@ -25,7 +25,7 @@ from jaxtyping import Float, Float64
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
-from ninedtact.mechanics.contact_arrays import array_namespace_of
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of
 
 WaveNumbers = Float[Any, "*waves"]
 

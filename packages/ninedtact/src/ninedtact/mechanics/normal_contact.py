@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
-from ninedtact.mechanics.contact_arrays import (
+from ninedtact.mechanics.numpy_or_torch_arrays import (
     ContactFlags,
     ContactIndices,
     PerContact,

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
-from ninedtact.mechanics.contact_arrays import ScalarPerContact, array_namespace_of, expand_over_grid
+from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, array_namespace_of, expand_over_grid
 
 
 class InvalidPose(InputError):

@@ -19,14 +19,14 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.errors import InputError
-from ninedtact.mechanics.contact_arrays import (
+from ninedtact.mechanics.layer_compliance import Compliance, ComplianceFunction, gel_compliance
+from ninedtact.mechanics.numpy_or_torch_arrays import (
     ContactIndices,
     array_namespace_of,
     forward_transform,
     inverse_transform,
     take_contacts,
 )
-from ninedtact.mechanics.layer_compliance import Compliance, ComplianceFunction, gel_compliance
 
 _MIN_POINTS_PER_SIDE = 8
 

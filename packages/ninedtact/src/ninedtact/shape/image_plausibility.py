@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import EstimateWarning, HeightMap, HeightSource, Rectified
-from ninedtact.shape.skin_recognition import shows_another_skin
+from ninedtact.shape.skin_identity import shows_another_skin
 
 _COLS, _ROWS = 32, 24
 """Number of cells of the coarse image on which light is compared."""

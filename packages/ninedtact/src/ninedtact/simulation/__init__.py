@@ -5,7 +5,7 @@ way to press one: an object (objects/catalogue.py, by name) at a pose or under a
 rendered and measured. A `ScriptedPress` and a `Trajectory` press step by step. renderer.py turns a contact into a raw image,
 ground_truth.py into true heights and tractions. A `PressSequence` with the sources of simulated_sources.py stands in for a
 camera and a force/torque sensor. gel_brightness.py and pixel_to_skin_map.py hold the optics; calibration_press_models.py predicts
-the images that calibrate a twin; press_figures.py plots.
+the images that calibrate a twin; press_drawing.py plots.
 
 Nothing here imports `shape` or `calibration`: if the twin used the reconstructor's depth curve, every round trip would agree by
 construction.

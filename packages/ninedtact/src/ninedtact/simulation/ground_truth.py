@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.contact_arrays import to_numpy
 from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.numpy_or_torch_arrays import to_numpy
 from ninedtact.quantities import HeightMap, HeightSource, skin_grid_mm
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid, grid_indices_at_positions, sample_periodic
 

@@ -22,7 +22,7 @@ from array_api_compat import device
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.contact_arrays import array_namespace_of
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of
 from ninedtact.mechanics.skin import PeriodicGrid
 
 STEP_PX = 8

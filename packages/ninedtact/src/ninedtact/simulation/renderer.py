@@ -12,13 +12,13 @@ from array_api_compat import device
 from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.contact_arrays import (
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.numpy_or_torch_arrays import (
     array_namespace_of,
     expand_over_grid,
     forward_transform,
     inverse_transform,
 )
-from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.skin import PeriodicGrid, ScalarField, padded_grid
 from ninedtact.quantities import BgrImage
 from ninedtact.simulation.gel_brightness import BrightnessModel

@@ -21,11 +21,11 @@ from numpy import ndarray as Array
 
 from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, Gel, SensorDesign
 from ninedtact.errors import SimulationError
-from ninedtact.mechanics.contact_arrays import ScalarPerContact, array_namespace_of, sum_over_grid, to_numpy
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact, ContactLeavesGrid, least_gel_mm, require_gel_left
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
+from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, array_namespace_of, sum_over_grid, to_numpy
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin, padded_grid
 from ninedtact.quantities import Wrench

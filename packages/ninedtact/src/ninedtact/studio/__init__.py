@@ -11,5 +11,5 @@ grip force. `reading_view` draws images and surface of one reading, `skin_fields
 `press_control` is what people do with a twin. `recording_player` makes moments of recordings, `saved_files` holds what is saved.
 `guided_session` and `guided_page` are what guided procedures and their pages share: `calibration_session` with `calibration_page`,
 and `force_calibration_session` with `force_calibration_page`. `sensor_page` is the live page, `page_server` the web server of all
-pages: a guarded front, which tests what browsers send (`page_messages`), before viser.
+pages: a guarded front, which tests what browsers send (`accepted_page_messages`), before viser.
 """

@@ -37,7 +37,7 @@ from ninedtact.live.socket_guard import (
     port_errors,
     relay,
 )
-from ninedtact.studio.page_messages import CameraMessage, UploadTest, decode_page_message
+from ninedtact.studio.accepted_page_messages import CameraMessage, UploadTest, decode_page_message
 
 DEFAULT_PORTS = range(8080, 8100)
 """Ports that are tried one after the other where none is named."""

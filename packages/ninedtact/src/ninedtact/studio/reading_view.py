@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float16, Float32, Int32, UInt8, UInt32
 from numpy import ndarray as Array
 
-from ninedtact.force.brightness_channels import compute_image_deformation, render_deformation
-from ninedtact.mechanics.contact_arrays import to_numpy
+from ninedtact.force.brightness_channels import compute_image_deformation, render_brightness_change
+from ninedtact.mechanics.numpy_or_torch_arrays import to_numpy
 from ninedtact.quantities import HeightMap
 from ninedtact.reading import Reading
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -252,7 +252,7 @@ class ReadingView:
             return self._draw(("colours", kind), lambda: colourise_heights(self.reading.height, self.scale))
         tractions = self.tractions(ShownTraction.TRUE if kind is ImageKind.STICKING else source)
         if kind in (ImageKind.GEL_FLOW, ImageKind.GEL_FLOW_SAFE):
-            flow = render_deformation(compute_image_deformation(self.reading.rectified, self.reading.reference))
+            flow = render_brightness_change(compute_image_deformation(self.reading.rectified, self.reading.reference))
             return flow if kind is ImageKind.GEL_FLOW else _to_orange_and_blue(flow)
         if tractions is not None and kind is ImageKind.STICKING:
             return tractions.sticking_image()

@@ -58,7 +58,7 @@ def _has_force(moment: SensorMoment, sample: WrenchWithUncertainty | None) -> bo
     return sample is not None and not moment.status.is_past and not np.isinf(sample.std[2])
 
 
-def group_status_html(moments: Sequence[SensorMoment]) -> str:
+def sensor_group_status_html(moments: Sequence[SensorMoment]) -> str:
     """Return the state of every sensor as HTML, with its maximum indentation and contact area."""
     states = [(moment.name, moment.status.sentence, moment.status.tone, _format_measures(moment)) for moment in moments]
     return card_html("group_status", sensors=states)

@@ -13,7 +13,7 @@ from ninedtact.studio.page_cards import (
     status_html,
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment, SensorMoment
-from ninedtact.studio.sensor_group import group_status_html, group_wrench_table_html
+from ninedtact.studio.sensor_group import group_wrench_table_html, sensor_group_status_html
 from ninedtact.studio.viewer import Side, ViewerPage
 
 SIDE_BY_SIDE = "all side by side"
@@ -66,7 +66,7 @@ class StatusPanel:
         """Show state, values and wrenches, and whether the moment is frozen."""
         self._show_freeze()
         if len(moment.sensors) > 1:
-            self._status.content, self._figures.content = group_status_html(moment.sensors), ""
+            self._status.content, self._figures.content = sensor_group_status_html(moment.sensors), ""
             self._table.content = group_wrench_table_html(moment.sensors) if self._has_table else ""
             return
         (alone,) = moment.sensors

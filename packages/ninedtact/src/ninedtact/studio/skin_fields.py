@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.mechanics.contact_arrays import to_numpy
+from ninedtact.mechanics.numpy_or_torch_arrays import to_numpy
 from ninedtact.quantities import HeightMap, Traction, centred_axis_mm
 from ninedtact.shape.coloured_height_map import round_up_to_1_2_5
 from ninedtact.simulation.ground_truth import resample_skin_field, true_pressure_map_mpa, true_shear_map_mpa

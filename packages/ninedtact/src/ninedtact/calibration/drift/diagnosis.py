@@ -13,7 +13,7 @@ from ninedtact.calibration.drift.reference_check import (
     DriftFinding,
     DriftMeasurement,
     change_in_words,
-    find_disqualifying_drift,
+    find_reference_image_fault,
     position_in_words,
 )
 from ninedtact.quantities import centred_axis_mm
@@ -27,7 +27,7 @@ _MAX_NAMED_MARKS = 3
 
 def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
     """Return all findings, most serious first; on a pressed, unknown or mirrored skin, light and gel are not diagnosed."""
-    grave = find_disqualifying_drift(drift)
+    grave = find_reference_image_fault(drift)
     if grave is not None:
         return [grave]
     rest = (

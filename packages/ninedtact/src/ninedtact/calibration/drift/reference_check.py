@@ -5,7 +5,7 @@ changed since the reference images of the calibration.
 
 `ReferenceImageChecker` checks a reference image once, before anything is measured against it. Heights and forces are changes since
 the reference image. A reference image of another sensor, a mirrored one or one that was taken while something touched the gel makes
-all of them wrong without a sign of it (`find_disqualifying_drift`). Slow changes of light and small motions of the camera do not
+all of them wrong without a sign of it (`find_reference_image_fault`). Slow changes of light and small motions of the camera do not
 count here: a new reference image takes them up, and `ninedtact check` reports them (`diagnosis`).
 """
 
@@ -37,7 +37,7 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification, to_grey_float
-from ninedtact.shape.skin_recognition import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
+from ninedtact.shape.skin_identity import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 
 _FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
 """Ways in which a camera's driver may flip images, with OpenCV's flip code."""
@@ -222,7 +222,7 @@ class DriftFinding:
     """Height error that it would cause with the calibration's reference image; None where it causes none."""
 
 
-def find_disqualifying_drift(drift: DriftMeasurement) -> DriftFinding | None:
+def find_reference_image_fault(drift: DriftMeasurement) -> DriftFinding | None:
     """Return why an image cannot be a reference image of the calibrated sensor: another gel, a contact, or a mirrored image."""
     findings = _find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)
     return next((finding for finding in findings if finding is not None), None)
@@ -305,7 +305,7 @@ class ReferenceImageChecker:
             return (f"{exposure.kind}: {exposure.sentence}",)
         if self.known is None:
             return ()
-        fault = find_disqualifying_drift(measure_drift(self.known, today))
+        fault = find_reference_image_fault(measure_drift(self.known, today))
         return () if fault is None else (f"{fault.diagnosis}: {fault.sentence}",)
 
     def require_faultless(self, frames: Sequence[Frame]) -> None:

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray as Array
 from scipy.interpolate import PchipInterpolator
 
-from ninedtact.calibration.free_pressing.alignment import (
+from ninedtact.calibration.free_pressing.force_torque_alignment import (
     Alignment,
     EstimatedMoments,
     fit_alignment,

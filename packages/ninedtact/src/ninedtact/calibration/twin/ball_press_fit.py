@@ -35,7 +35,7 @@ from ninedtact.calibration.twin.fit_uncertainty import (
 )
 from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, implied_ball_radius
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
-from ninedtact.calibration.twin.press_problems import BallPressProblem, JointPressProblem
+from ninedtact.calibration.twin.press_fit_residuals import BallPressProblem, JointPressProblem
 from ninedtact.calibration.twin.press_search import (
     ParameterPrior,
     PriorTerms,

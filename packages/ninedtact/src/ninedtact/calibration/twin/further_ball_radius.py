@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.twin.fit_uncertainty import parameter_covariance
-from ninedtact.calibration.twin.press_problems import JointPressProblem
+from ninedtact.calibration.twin.press_fit_residuals import JointPressProblem
 from ninedtact.design import BallGauge
 from ninedtact.simulation.calibration_press_models import ParameterVector
 

@@ -16,7 +16,7 @@ from ninedtact.calibration.twin.fit_parameters import (
     perturb_parameter,
     press_count_of,
 )
-from ninedtact.calibration.twin.press_problems import JointPressProblem
+from ninedtact.calibration.twin.press_fit_residuals import JointPressProblem
 from ninedtact.simulation.calibration_press_models import ParameterVector
 
 _MAX_COARSE_STEPS = 40

@@ -15,8 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.observation import CellGrid
-from ninedtact.mechanics.contact_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.finite_strain import finite_strain_stiffening
+from ninedtact.mechanics.numpy_or_torch_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.skin import Skin
 
 View = Float32[Array, "rows cols"]
