@@ -13,7 +13,7 @@ import pytest
 
 from ninedtact.calibration.force_calibration import STANDARD_GRAVITY, KnownLoadCalibration
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-from ninedtact.calibration.sensor_on_base import load_on_calibration_ball_n
+from ninedtact.calibration.sensor_with_other_base import load_on_calibration_ball_n
 from ninedtact.cli import main
 from ninedtact.cli.calibration_page import simulated_loaded_camera
 from ninedtact.cli.estimate import COLUMNS, format_estimates

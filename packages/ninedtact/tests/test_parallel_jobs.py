@@ -11,7 +11,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from ninedtact.errors import DeviceError, InputError, NinedtactError
-from ninedtact.parallel_jobs import Cluster, require_workers, run_jobs, run_writing_jobs
+from ninedtact.parallel_jobs import DaskCluster, require_workers, run_jobs, run_writing_jobs
 
 GENERATE = [
     "simulate",
@@ -77,7 +77,7 @@ def test_jobs_give_the_same_in_one_process_in_two_and_on_a_cluster(tmp_path: Pat
     """The cluster is one of threads, which leaves the number of BLAS threads as it is set for a worker."""
     jobs = [(number,) for number in range(5)]
     with ThreadPoolExecutor(2) as executor, threadpool_limits(1):
-        for workers in (1, 2, Cluster("threads", 2, executor.submit)):
+        for workers in (1, 2, DaskCluster("threads", 2, executor.submit)):
             assert dict(run_jobs(_square, jobs, workers)) == {number: number**2 for number in range(5)}
             folder = tmp_path / str(workers if isinstance(workers, int) else "cluster")
             folder.mkdir()
@@ -113,7 +113,7 @@ def test_a_gpu_and_a_cluster_are_refused_together(tmp_path: Path) -> None:
     from ninedtact_train.dataset.generation.generate import generate_dataset
     from ninedtact_train.dataset.generation.settings import GenerationSettings
 
-    cluster = Cluster("host:1", 2, lambda *_: pytest.fail("no job may run"))
+    cluster = DaskCluster("host:1", 2, lambda *_: pytest.fail("no job may run"))
     with pytest.raises(InputError, match="expected --device cpu together with --cluster, got cuda"):
         generate_dataset(tmp_path / "out", GenerationSettings(pairs=10), cluster, device="cuda")
     assert not list(tmp_path.iterdir())
@@ -123,7 +123,7 @@ def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path) -> None:
     from ninedtact_train.dataset.build import build_dataset
     from ninedtact_train.dataset.sources.htt_episodes import TactileTransformerSource
 
-    cluster = Cluster("host:1", 2, lambda *_: pytest.fail("no job may run"))
+    cluster = DaskCluster("host:1", 2, lambda *_: pytest.fail("no job may run"))
     with pytest.raises(NinedtactError, match="absolute paths of sources for a cluster, got in"):
         build_dataset(tmp_path / "out", [TactileTransformerSource("in", Path("in"))], workers=cluster)
 

@@ -1,7 +1,7 @@
 """Runs independent jobs in this process, in several processes of this machine, or on the workers of a Dask cluster.
 
-`Workers` says where: a number of processes, or a `Cluster` to which `connect_workers` has connected. Both are executors to which at
-most two jobs for each worker are submitted at once. A job that ran on a cluster returns its files to this process, which writes
+`Workers` says where: a number of processes, or a `DaskCluster` to which `connect_workers` has connected. At most two jobs for each
+worker are submitted to either at once. A job that ran on a cluster returns its files to this process, which writes
 them: a cluster needs no shared file system for results.
 
 Every job uses one thread of linear algebra, because the rounding of BLAS depends on the number of its threads, and a calibration
@@ -39,7 +39,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Cluster:
+class DaskCluster:
     """A cluster to which this process is connected; all of its cores are used."""
 
     name: str
@@ -51,7 +51,7 @@ class Cluster:
     """Errors of a job whose workers were lost."""
 
 
-Workers = int | Cluster
+Workers = int | DaskCluster
 """A number of processes on this machine, or a cluster."""
 
 
@@ -86,7 +86,7 @@ def run_jobs(
     before the work is done, and what the function raises.
     """
     require_workers(workers)
-    if isinstance(workers, Cluster):
+    if isinstance(workers, DaskCluster):
         calls = (partial(_run_remote_job, __version__, function, job) for job in jobs)
         yield from _run_on_executor(workers.submit, workers.cores, calls, workers.name, workers.lost_errors)
     elif workers == 1 or (isinstance(jobs, Sequence) and len(jobs) < 2):
@@ -106,7 +106,7 @@ def run_writing_jobs(
     On a cluster the function writes into a temporary folder of the worker, and this process moves its files and folders to
     `folder`, each of them whole, in the order of their names. Raises as `run_jobs`, and `FileNotWritten`.
     """
-    if not isinstance(workers, Cluster):
+    if not isinstance(workers, DaskCluster):
         yield from run_jobs(function, [(folder, *job) for job in jobs], workers)
         return
     for number, (result, files) in run_jobs(_call_in_temporary_folder, [(function, job) for job in jobs], workers):
@@ -222,7 +222,7 @@ def _require_version(expected: str, found: str | None, place: str) -> None:
 
 
 @contextmanager
-def _connect_dask(address: str) -> Iterator[Cluster]:
+def _connect_dask(address: str) -> Iterator[DaskCluster]:
     """Connect to a Dask scheduler; raises `DeviceError`."""
     import dask
     from distributed import Client, KilledWorker
@@ -241,7 +241,7 @@ def _connect_dask(address: str) -> Iterator[Cluster]:
             for worker, found in client.get_versions(packages=["ninedtact"])["workers"].items():
                 _require_version(__version__, found["packages"]["ninedtact"], worker)
             submit = client.get_executor(pure=False).submit
-            yield Cluster(address, cores, submit, (KilledWorker, CancelledError))
+            yield DaskCluster(address, cores, submit, (KilledWorker, CancelledError))
 
 
 def _unreachable(address: str, reason: object) -> DeviceError:

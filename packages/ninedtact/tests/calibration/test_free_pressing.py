@@ -15,7 +15,7 @@ from ninedtact.calibration.free_pressing.force_torque_alignment import (
 )
 from ninedtact.calibration.free_pressing.pressing import ForceTorqueSamples, PressingUnusable, find_stuck_samples
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-from ninedtact.calibration.sensor_on_base import load_on_calibration_ball_n
+from ninedtact.calibration.sensor_with_other_base import load_on_calibration_ball_n
 from ninedtact.capture.force_torque.wrench_source_from_address import mount_rotation
 from ninedtact.cli import main
 from ninedtact.design import ForceTorqueMount

@@ -23,7 +23,7 @@ from ninedtact.atomic_write import write_file_atomically, write_files_atomically
 from ninedtact.bounds_and_checked_reading import read_regular_file
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.errors import FileFormatError, InputError
-from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
+from ninedtact.parallel_jobs import DaskCluster, Workers, require_workers, run_writing_jobs
 from ninedtact_train.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks
 from ninedtact_train.dataset.dataset_card import (
     DatasetStatistics,
@@ -102,7 +102,7 @@ def build_dataset(
     whose workers read the sources at the same paths. Raises `InputError`, `OutputError`, `DatasetError`, `FileNotWritten`.
     """
     require_workers(workers)
-    if isinstance(workers, Cluster):
+    if isinstance(workers, DaskCluster):
         _require_absolute_paths(sources)
     begin_or_resume_dataset(out, _identify_build(sources, settings), [source.path for source in sources])
     if not (out / CARD_FILE).is_file():

@@ -30,7 +30,7 @@ from ninedtact.force.estimator_and_scale import (
 from ninedtact.force.estimator_loading import PHYSICS, build_estimator, model_file_of_spec, without_contact_detection
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.parallel_jobs import Cluster, Workers, run_jobs
+from ninedtact.parallel_jobs import DaskCluster, Workers, run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import CalibratedShape
@@ -145,7 +145,7 @@ def _select(names: Collection[str], all_of: Mapping[str, _Value]) -> dict[str, _
 
 def _read_model(settings: DatasetEvaluationSettings, workers: Workers) -> bytes | None:
     """Return the file of the force model for the workers of a cluster, which may not have it; None where they need none."""
-    path = model_file_of_spec(settings.force) if isinstance(workers, Cluster) else None
+    path = model_file_of_spec(settings.force) if isinstance(workers, DaskCluster) else None
     return path.read_bytes() if path is not None and path.is_file() else None
 
 

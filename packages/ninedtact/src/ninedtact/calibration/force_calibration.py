@@ -1,8 +1,8 @@
 """Force calibration with known loads: images of presses and their weights → the gel's modulus and base in `sensor.toml`.
 
 Every press is estimated on a few assumed bases of the gel, on each of which the ball of the calibration was explained again
-(`sensor_on_base`), and the loads tell modulus and base (`known_load_fit`). The calibration is then made again on the base that was
-found, so that depth, twin and force have one gel. A network has no gel; known loads give it a factor, kept in `force.toml`.
+(`sensor_with_other_base`), and the loads tell modulus and base (`known_load_fit`). The calibration is then made again on the base
+that was found, so that depth, twin and force have one gel. A network has no gel; loads give it a factor, kept in `force.toml`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,8 +29,8 @@ from ninedtact.calibration.known_load_fit import (
 )
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
-from ninedtact.calibration.sensor_on_base import load_on_calibration_ball_n, sensor_on_base
 from ninedtact.calibration.sensor_toml_schema import KnownLoadTable
+from ninedtact.calibration.sensor_with_other_base import load_on_calibration_ball_n, sensor_with_other_base
 from ninedtact.calibration.twin.ball_press_fit import KnownBase
 from ninedtact.calibration.twin.fit_parameters import NEARLY_RIGID
 from ninedtact.capture.strict_image_reading import read_image
@@ -177,7 +177,7 @@ class KnownLoadCalibration:
             return self.sensor
         sensor = self.sensor
         if self.bases.is_searched:
-            sensor = sensor_on_base(sensor, KnownBase(fit.ratio, fit.ratio_std))
+            sensor = sensor_with_other_base(sensor, KnownBase(fit.ratio, fit.ratio_std))
         estimator = self._estimator_of(sensor)
         readings = {**{image.name: self._reader.read(image) for image in images}, **readings}
         found = []
@@ -247,16 +247,16 @@ def _assume_bases(folder: SensorFolder) -> tuple[AssumedBases, list[SensorFolder
     sensor, known, twin = folder, folder.record.known_loads, folder.record.twin
     assert twin is not None
     if folder.record.design.gel.has_rigid_base:
-        return AssumedBases(), [folder if known is None else sensor_on_base(folder, KnownBase(0.0))]
+        return AssumedBases(), [folder if known is None else sensor_with_other_base(folder, KnownBase(0.0))]
     fitted = twin.fit.parameters["gel_to_base_modulus_ratio"]
     mean, std = fitted.value, fitted.std or 0.0
     if known is not None:
         mean, std = known.calibrated_modulus_ratio, known.calibrated_modulus_ratio_std
-        sensor = sensor_on_base(folder, KnownBase(mean, std))
+        sensor = sensor_with_other_base(folder, KnownBase(mean, std))
     softest, stiffest = mean + _BASES_APART * std, max(mean - _BASES_APART * std, NEARLY_RIGID)
-    sensors = {mean: sensor, softest: sensor_on_base(sensor, KnownBase(softest))}
+    sensors = {mean: sensor, softest: sensor_with_other_base(sensor, KnownBase(softest))}
     if stiffest < mean:
-        sensors[stiffest] = sensor_on_base(sensor, KnownBase(stiffest))
+        sensors[stiffest] = sensor_with_other_base(sensor, KnownBase(stiffest))
     ratios = tuple(sorted(sensors))
     return AssumedBases(ratios, mean, std), [sensors[ratio] for ratio in ratios]
 

@@ -35,7 +35,7 @@ from ninedtact.interop.ros2_topics_and_messages import (
 )
 from ninedtact.interop.sensor_sharing import SensorMoment, ServerThread
 from ninedtact.live.sensor_poller import SensorPhase
-from ninedtact.live.socket_guard import SocketGuard, hidden_loopback_address, port_errors, relay
+from ninedtact.live.socket_guard import SocketGuard, hidden_loopback_address, network_port_errors, relay
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.topics_and_messages import Topic, message_definition
@@ -100,7 +100,7 @@ class FoxgloveServer:
         self._server.stop()
 
     async def _listen(self) -> None:
-        with port_errors(self.guard.host, self.port, "readings"):
+        with network_port_errors(self.guard.host, self.port, "readings"):
             guarded = self.guard.serve(
                 self._connect,
                 self.port,

@@ -28,7 +28,7 @@ from websockets.http11 import Request, Response
 
 from ninedtact.interop.sensor_sharing import ServerThread, watch_sensor
 from ninedtact.live.sensor_poller import SensorPhase, SensorSnapshot
-from ninedtact.live.socket_guard import SocketGuard, port_errors
+from ninedtact.live.socket_guard import SocketGuard, network_port_errors
 from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
@@ -242,10 +242,10 @@ class ReadingServer:
 
     async def _listen(self) -> None:
         host, servers = self.guard.host, self._thread.servers
-        with port_errors(host, self.port, "readings"):
+        with network_port_errors(host, self.port, "readings"):
             guarded = self.guard.serve(self._feed_websocket, self.port, _answer_request)
             websocket = await servers.enter_async_context(guarded)
-        with port_errors(host, self.tcp_port, "readings", "--tcp-port"):
+        with network_port_errors(host, self.tcp_port, "readings", "--tcp-port"):
             tcp = await asyncio.start_server(self._feed_tcp, host, self.tcp_port, limit=_REQUEST_BYTES)
             servers.callback(self._end_tcp, tcp)
         self.port = next(iter(websocket.sockets)).getsockname()[1]

@@ -252,7 +252,7 @@ async def relay(
 
 
 @contextmanager
-def port_errors(host: str, port: int, what: str, option: str = "--port") -> Iterator[None]:
+def network_port_errors(host: str, port: int, what: str, option: str = "--port") -> Iterator[None]:
     """Raise `DeviceError` where a port cannot be listened on; what: is served there."""
     try:
         yield

@@ -34,7 +34,7 @@ from ninedtact.live.socket_guard import (
     SocketGuard,
     format_peer,
     hidden_loopback_address,
-    port_errors,
+    network_port_errors,
     relay,
 )
 from ninedtact.studio.accepted_page_messages import CameraMessage, UploadTest, decode_page_message
@@ -70,7 +70,7 @@ class PageServer:
 
     def listen(self, ports: Sequence[int]) -> None:
         """Open the front at the first of these ports that is free; raises `DeviceError`."""
-        with port_errors(self._guard.host, ports[-1], "the page"):
+        with network_port_errors(self._guard.host, ports[-1], "the page"):
             for port in ports:
                 try:
                     self._front = self._run(self._open_front(port))

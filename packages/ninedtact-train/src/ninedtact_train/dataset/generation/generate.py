@@ -24,7 +24,7 @@ import numpy as np
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.errors import InputError
-from ninedtact.parallel_jobs import Cluster, Workers, require_workers, run_writing_jobs
+from ninedtact.parallel_jobs import DaskCluster, Workers, require_workers, run_writing_jobs
 from ninedtact.simulation.objects.catalogue import mesh_file_of_name
 from ninedtact_train.batched.executor import BatchExecutor, run_sessions
 from ninedtact_train.batched.session_requests import (
@@ -132,7 +132,7 @@ def generate_dataset(
 
 def _select_device(name: str, workers: Workers) -> Device:
     """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceError`."""
-    if not isinstance(workers, Cluster):
+    if not isinstance(workers, DaskCluster):
         return choose_compute_device(name)
     if name not in ("auto", "cpu"):
         raise InputError(

@@ -20,7 +20,7 @@ from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.simulation.calibration_press_models import BallPressModel, BallPressParameters
 
 
-def sensor_on_base(folder: SensorFolder, base: KnownBase) -> SensorFolder:
+def sensor_with_other_base(folder: SensorFolder, base: KnownBase) -> SensorFolder:
     """Return the sensor, not saved, as its calibration would be with this base: with the modulus of the design.
 
     Raises what reading images and fitting raise.
