@@ -3,8 +3,9 @@
 Light is lost or gained as a whole where an LED fails, a lamp shines in or the exposure changes. A press changes it locally: gel
 keeps its volume, so dents and bulges balance over the view, and half of the view keeps nearly the brightness of the reference
 image. The limits leave a factor of two or more around 600 simulated presses of up to 12 N on six sensors and the images of real
-ones. An image of another sensor of the same make may have the same light. Where one image is asked about
-(`require_plausible_image`), the fine structure of its skin is therefore compared with that of the reference image as well.
+ones, but for the mean height: a deep press that is measured from the reference image of another moment takes four fifths of it. An
+image of another sensor of the same make may have the same light. Where one image is asked about (`require_plausible_image`), the
+fine structure of its skin is therefore compared with that of the reference image as well.
 """
 
 import cv2
