@@ -72,7 +72,7 @@ class RecordedPressing(FreePressing):
         if depth_reader.reference_faults:
             raise InputError(
                 expected=f"the reference images of {self.name} to show sensor {sensor.id} without contact",
-                got="a fault",
+                got="images with a fault",
                 remedy=depth_reader.reference_faults[0],
             )
         return read_frame(frame, sensor.shape, depth_reader)

@@ -6,8 +6,8 @@ as in `FITTED_PARAMETERS`. Each of these quantities is a `LengthClue`. A wrong p
 logarithm by e times its sensitivity, and all clues are weighed together: Bayes' rule compares "both lengths are right" with "the
 pitch is wrong" and "the radius is wrong".
 
-The tolerances are those of the design and of the simulated population; no threshold is fitted to single sensors. Tails are heavy:
-a housing of another size, or a gel of another recipe, is more probable than ten standard deviations.
+The tolerances are those of the design and of the simulated population. Tails are heavy, because housings of other sizes and gels of
+other recipes are built: they are more probable than ten standard deviations.
 """
 
 from dataclasses import dataclass
