@@ -206,8 +206,9 @@ def anchor_depth_curve_at_zero(
 _KNOT_COUNT = 25
 _MIN_PIXELS_PER_KNOT = 30
 """Smallest number of pixels at a depth for which the brightness model is corrected there."""
-_MIN_DISC_INDENTATION_MM = 0.05
-"""Indentation below which a pixel is left out of the disc: the ball's edge is near, and light is scattered from it."""
+_MIN_DISC_THINNING_MM = 0.05
+"""Thinning below which a pixel is left out of the disc: the ball's edge is near, and light is scattered from it. On a base that
+yields, skin around the ball lies low over gel that is no thinner."""
 _CONTINUATION_KNOT_COUNT = 8
 """Number of knots of the curve beyond the depth of the press."""
 _MAX_DEPTH_PER_THICKNESS = 0.9
@@ -272,10 +273,10 @@ class TwinBallFit(BallFit):
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:
-        """The indented pixels that are at least a point spread away from the edge, where brightness does not determine a single
-        depth.
+        """The pixels of thinner gel that are at least a point spread away from the edge, where brightness does not determine a
+        single depth.
         """
-        pressed = (self.height_mm < -_MIN_DISC_INDENTATION_MM).astype(np.uint8)
+        pressed = (self.thickness_change_mm < -_MIN_DISC_THINNING_MM).astype(np.uint8)
         reach = int(np.ceil(self.twin_fit.light.point_spread_mm / self.press.before.mm_per_px))
         ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         return np.asarray(cv2.erode(pressed, ellipse) > 0)
@@ -347,7 +348,7 @@ class TwinBallFit(BallFit):
         knot = np.rint(thinning_mm / knot_thinning_mm[1]).astype(int)
         count = np.bincount(knot, minlength=_KNOT_COUNT)[:_KNOT_COUNT]
         mean = np.bincount(knot, residual, minlength=_KNOT_COUNT)[:_KNOT_COUNT] / np.maximum(count, 1)
-        known = np.flatnonzero(count > _MIN_PIXELS_PER_KNOT)
+        known = 1 + np.flatnonzero(count[1:] > _MIN_PIXELS_PER_KNOT)  # untouched gel does not darken
         correction = np.interp(np.arange(_KNOT_COUNT), np.append(0, known), np.append(0.0, mean[known]))
         corrected = knot_darkening + gaussian_filter1d(correction, 1.0)
         rising = np.maximum.accumulate(corrected) + 1e-6 * np.arange(_KNOT_COUNT)
