@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball
+from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
@@ -20,6 +20,7 @@ from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Rectified, skin_grid_mm
 from ninedtact.shape.depth import DepthMethod
+from ninedtact.simulation.calibration_press_models import BallPressParameters
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 from ninedtact.simulation.twin import Twin
@@ -102,6 +103,21 @@ def test_the_stated_error_covers_what_is_not_known_of_the_base(
         assert abs(fit.parameters[name] - value) < 2.5 * fit.uncertainty.standard_deviations[name], name
     assert fit.relative_depth_std > 0.01
     assert fit.press.depth_mm == pytest.approx(1.5, rel=0.08)
+
+
+def test_the_depth_curve_of_a_dragged_ball_on_a_soft_base_is_that_of_the_light(
+    twin: Twin, calibrated_a: Calibration
+) -> None:
+    """There much skin lies low over gel that is thicker than before."""
+    soft = replace(twin, gel=replace(GEL, gel_to_base_modulus_ratio=0.2))
+    contact = pressed(soft, Ball(4.0), Pose(0.0, 0.0, 1.5), (0.4, -0.5))
+    before, after = (calibrated_a.rectify(Frame(twin.renderer(one, n))) for n, one in enumerate((None, contact)))
+    true = BallPressParameters(0.0, 0.0, 1.5, 0.4, -0.5, 2.3, 0.5, 0.5, 0.05, 0.2)
+    fit = fit_ball_by_physics(press_in(before, after), DESIGN, initial=(true,))
+    assert fit.cross_validation_mae_mm < 0.03
+    thinning_mm = np.array(fit.curve.indentation_mm)
+    darkening = -np.asarray(LIGHT.brightness_change(-thinning_mm))
+    assert np.array(fit.curve.darkening) == pytest.approx(darkening, abs=0.006)
 
 
 def test_a_base_that_is_rigid_by_design_stays_rigid(twin: Twin, calibrated_a: Calibration) -> None:

@@ -69,6 +69,16 @@ def test_heights_and_thickness_are_those_of_the_contact_mechanics(ratio: float) 
     np.testing.assert_allclose(found.thickness_change_mm, true - skin.interface_height_mm(*spread), atol=1e-4)
 
 
+@pytest.mark.parametrize("ratio", [0.0, 0.3])
+def test_thinning_is_told_from_the_height_of_skin_under_pressure(ratio: float) -> None:
+    tractions = np.zeros((3, CELLS.rows, CELLS.cols), np.float32)
+    tractions[0, 5:9, 6:12] = abs(drawn(4, 6))
+    forward = ForwardModel(CELLS, replace(GEL, gel_to_base_modulus_ratio=ratio), 0.6)
+    pressed = forward.deform(tractions)
+    found = forward.thickness_change_mm(pressed.height_mm)
+    np.testing.assert_allclose(found, pressed.thickness_change_mm, atol=1e-4)
+
+
 def spread_over_cells(tractions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tractions at points of the grid that have the spectrum of tractions that are uniform over each cell."""
     kx, ky = CELLS.patch.wave_vectors

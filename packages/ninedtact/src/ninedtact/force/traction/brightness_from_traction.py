@@ -115,6 +115,15 @@ class ForwardModel:
         nonlinear_mm = -self._to_skin(added, self._interface_compliance)
         return DeformedSkin(height_mm, height_mm - interface_mm + nonlinear_mm, stiffening, nonlinear_mm)
 
+    def thickness_change_mm(self, height_mm: SkinField) -> SkinField:
+        """Return the change of the linear gel's thickness where pressure alone gives the skin this height."""
+        if self.gel.has_rigid_base:
+            return height_mm
+        pressed, sunk = self._height_compliance[0].real, self._interface_compliance[0].real
+        share = 1 - np.divide(sunk, pressed, out=np.ones_like(sunk), where=pressed != 0)
+        waves = forward_transform(height_mm, height_mm.shape)
+        return inverse_transform(waves * share, height_mm.shape, height_mm.shape)
+
     def _to_skin(self, waves: Array, compliance: Array) -> SkinField:
         """Return the field of all skin that tractions, given as waves, cause by a compliance."""
         shape = self.cells.patch.shape

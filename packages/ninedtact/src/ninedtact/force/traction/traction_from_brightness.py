@@ -101,9 +101,9 @@ class InversionResult:
     """Change of the pressure in the last iteration, relative to its sum."""
     iterations: int
 
-    def is_within(self, decrement: float, change: float) -> bool:
-        """Return whether neither the Newton decrement nor the change of the pressure is larger than this."""
-        return self.newton_decrement <= decrement and self.pressure_change <= change
+    def distance_from(self, decrement: float, change: float) -> float:
+        """Return the Newton decrement and the change of the pressure over these limits, the larger of the two."""
+        return max(self.newton_decrement / decrement, self.pressure_change / change)
 
 
 @dataclass(frozen=True)
@@ -127,15 +127,15 @@ class TractionInversion:
             about_mm = (last.linearised_mm + last.skin.thickness_change_mm) / 2
             guess = InitialGuess(last.tractions, about_mm, last.skin.nonlinear_mm, last.misfit)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
-            if result.is_within(self.solver.max_warm_decrement, self.solver.max_warm_change):
+            if result.distance_from(self.solver.max_warm_decrement, self.solver.max_warm_change) <= 1:
                 return result
         return self._converge(
             observation, region, self._guess_from_heights(observation, region), self.solver.max_iterations
         )
 
-    def _has_converged(self, result: InversionResult) -> bool:
-        """Return whether another iteration would hardly change the result."""
-        return result.is_within(self.solver.target_decrement, self.solver.target_change)
+    def _distance(self, result: InversionResult) -> float:
+        """Return how far a result is from convergence; at one and below, another iteration would hardly change it."""
+        return result.distance_from(self.solver.target_decrement, self.solver.target_change)
 
     def _converge(
         self, observation: ObservationOnCells, region: View, guess: InitialGuess, max_iterations: int
@@ -146,13 +146,13 @@ class TractionInversion:
         """
         result = best = self._iterate(observation, region, guess)
         step, about_mm = 1.0, guess.thickness_change_mm
-        while result.iterations < max_iterations and not self._has_converged(result):
+        while result.iterations < max_iterations and self._distance(result) > 1:
             about_mm = about_mm + np.float32(step) * (result.skin.thickness_change_mm - about_mm)
             carried = InitialGuess(
                 result.tractions, about_mm, result.skin.nonlinear_mm, result.misfit, result.iterations
             )
             result = self._iterate(observation, region, carried)
-            if self._has_converged(result) or result.newton_decrement < best.newton_decrement:
+            if self._distance(result) < self._distance(best):
                 best = result
             else:
                 step = max(step / 2, _SMALLEST_STEP)
@@ -199,10 +199,12 @@ class TractionInversion:
         )
 
     def _guess_from_heights(self, observation: ObservationOnCells, region: View) -> InitialGuess:
-        """Return an initial guess with pressure in proportion to the observed indentation, and no shear."""
-        tractions = np.zeros((3, *region.shape), np.float32)
-        tractions[0] = np.maximum(-observation.z_mm, 0) * region * np.float32(_WINKLER_PER_MM)
-        return InitialGuess(tractions, self._extend_to_skin(observation.z_mm))
+        """Return an initial guess with pressure in proportion to the thinning of the gel under the observed skin, and no shear."""
+        thickness_change_mm = self.forward.thickness_change_mm(self._extend_to_skin(observation.z_mm))
+        rows, cols = region.shape
+        tractions = np.zeros((3, rows, cols), np.float32)
+        tractions[0] = np.maximum(-thickness_change_mm[:rows, :cols], 0) * region * np.float32(_WINKLER_PER_MM)
+        return InitialGuess(tractions, thickness_change_mm)
 
     def _misfit(self, observation: ObservationOnCells, thickness_change_mm: SkinField) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
