@@ -2,8 +2,9 @@
 
 The finite elements (neo_hookean.py, ball_in_layer.py) are neo-Hookean and incompressible in both layers; the skin sticks where it
 touches, and friction is 1 in the linear contact. The shear modulus of the gel is 1, so that loads are in mm². The base has 9.2 mm.
-Printed are load and greatest thinning over those of the finite elements, and the difference of the skin's height within 8 mm of the
-axis with and without the correction. `--fit` prints the constants of `finite_strain_height_mm` that fit each base best.
+Printed are load and greatest thinning over those of the finite elements, and the differences of the skin's height and of the gel's
+thickness beside the ball, within 8 mm of the axis, with and without the correction. `--fit` prints the constants of
+`finite_strain_thickening_mm` that fit each base best.
 """
 
 from collections.abc import Iterator
@@ -18,13 +19,13 @@ from neo_hookean import Layer, Parts
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.finite_strain import correct_for_finite_strain, finite_strain_height_terms_mm
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain, finite_strain_thickening_terms_mm
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
 BASE_MM = 9.2
-BASE_RATIOS = (0.0, 40.0, 20.0, 10.0, 5.0)
+BASE_RATIOS = (0.0, 20.0, 10.0, 5.0, 3.0)
 """Modulus of the base over that of the gel; zero is a rigid base."""
 CASES = (*((2.0, 4.0, ratio) for ratio in BASE_RATIOS), (2.5, 4.0, 10.0), (2.0, 2.0, 10.0))
 """Thickness of the gel, radius of the ball and ratio; the last two were not used to find the constants."""
@@ -53,6 +54,14 @@ class Pair:
         """Height of the skin of the finite elements at distances from the axis."""
         r, across, up = self.elements.profile_mm
         return np.interp(radius_mm, r + across, up)
+
+    def thickness_change_mm(self, radius_mm: np.ndarray) -> np.ndarray:
+        """Change of the thickness of their gel at distances from the axis."""
+        parts, moved = self.elements.parts, self.elements.moved
+        if not parts.layer.base_thickness_mm:
+            return self.height_mm(radius_mm)
+        r, across, up = parts.nodes_at(parts.layer.base_thickness_mm)
+        return self.height_mm(radius_mm) - np.interp(radius_mm, r + moved[across], moved[up])
 
 
 def finite_strain(quick: bool = False, json: bool = False, fit: bool = False, element_mm: float = 0.2) -> None:
@@ -95,33 +104,51 @@ def press_both(
 
 def figures_of(name: str, pairs: list[Pair]) -> list[Figure]:
     """Return the worst errors over all depths from a fifth of the deepest on."""
-    loads, thinnings, heights_um, straight_um = [], [], [], []
+    loads, thinnings = [], []
+    errors_um: dict[str, list[tuple[float, float]]] = {"height": [], "thickness": []}
     radius_mm = np.hypot(*GRID.positions_mm)
-    near = radius_mm < WITHIN_MM
     for pair in pairs[len(pairs) // 5 :]:
         corrected = correct_for_finite_strain(pair.linear)
         loads.append(float(corrected.pressure_mpa.sum()) * GRID.cell_area_mm2 / pair.elements.load - 1)
         thinnings.append(float(-corrected.thickness_change_mm.min()) / pair.thinning_mm - 1)
-        true_mm = pair.height_mm(radius_mm)
-        for found, contact in ((heights_um, corrected), (straight_um, pair.linear)):
-            found.append(1e3 * float(np.sqrt(np.mean((contact.height_mm - true_mm)[near] ** 2))))
+        beside = (pair.linear.pressure_mpa <= 0) & (radius_mm < WITHIN_MM)
+        height_mm, thickness_mm = pair.height_mm(radius_mm), pair.thickness_change_mm(radius_mm)
+        both = corrected, pair.linear
+        for each, found, true_mm in (
+            ("height", [one.height_mm for one in both], height_mm),
+            ("thickness", [one.thickness_change_mm for one in both], thickness_mm),
+        ):
+            rms_um = (1e3 * float(np.sqrt(np.mean((one - true_mm)[beside] ** 2))) for one in found)
+            errors_um[each].append((next(rms_um), next(rms_um)))
     return [
         at_most(f"{name}: load, largest error, %", 100 * max(map(abs, loads)), 4.0),
         at_most(f"{name}: greatest thinning, largest error, %", 100 * max(map(abs, thinnings)), 4.0),
-        Figure(f"{name}: height, largest RMS, µm", max(heights_um), peer=round(max(straight_um), 1)),
+        *(
+            Figure(
+                f"{name}: {each} beside the ball, largest RMS, µm",
+                max(corrected for corrected, _ in errors),
+                peer=round(max(linear for _, linear in errors), 1),
+            )
+            for each, errors in errors_um.items()
+        ),
     ]
 
 
 def best_constants(name: str, pairs: list[Pair]) -> list[Figure]:
-    """Return growth, redistribution and transport that fit the heights beside the ball best."""
+    """Return growth, redistribution and transport that fit the thickness beside the ball best."""
     radius_mm = np.hypot(*GRID.positions_mm)
     rows, wanted = [], []
     for pair in pairs[1::2]:
         free = (pair.linear.pressure_mpa <= 0) & (radius_mm < WITHIN_MM)
         weight = 1 / np.sqrt(np.maximum(radius_mm[free], 1.0))
-        terms = finite_strain_height_terms_mm(pair.linear)
+        linear = pair.linear
+        pressure = linear.pressure_mpa
+        pressed_mm = -linear.skin.operators.indentation_from_pressure_mm(pressure)
+        pressed_mm = pressed_mm - linear.skin.interface_height_mm(pressure, 0 * linear.shear_mpa)
+        deepest_mm = -linear.thickness_change_mm.min()
+        terms = finite_strain_thickening_terms_mm(pressed_mm, deepest_mm, linear.skin.gel, GRID, linear.tangential_mm)
         rows.append(np.stack([term[free] * weight for term in terms], axis=1))
-        wanted.append((pair.height_mm(radius_mm) - pair.linear.height_mm)[free] * weight)
+        wanted.append((pair.thickness_change_mm(radius_mm) - linear.thickness_change_mm)[free] * weight)
     found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
     names = ("growth", "redistribution", "transport")
     return [Figure(f"{name}: best {one}", float(value)) for one, value in zip(names, found, strict=True)]

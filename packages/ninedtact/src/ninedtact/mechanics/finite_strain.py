@@ -1,10 +1,11 @@
 """Finite strain: what a neo-Hookean gel does differently from the linear layer when it is pressed deep.
 
-Two corrections turn the contact of the linear gel into that of a neo-Hookean one: its tractions grow faster, and the skin around
-the object is shaped differently. Their constants were fitted to axisymmetric finite elements of an incompressible gel under a
-ball of two thicknesses to which the skin sticks, on a rigid base and on bases 3 to 40 times as stiff as the gel
-(`benchmarks/finite_strain.py`; docs/mechanics.md has tables). The shape of the skin matters little for loads, but a calibration
-that leaves it out attributes it to thinner gel and a deeper ball.
+Two corrections turn the contact of the linear gel into that of a neo-Hookean one: its tractions grow faster, which also presses a
+base that yields down further, and the gel around the object thickens differently. Their constants were fitted to axisymmetric
+finite elements of an incompressible gel under a ball of two thicknesses to which the skin sticks, on a rigid base and on bases 3
+to 20 times as stiff as the gel (`benchmarks/finite_strain.py`; docs/mechanics.md has tables). In three-dimensional finite elements
+of dragged balls, what shear thickens grows with the shear and does not spread, unlike what pressure thickens. The shape of the skin
+matters little for loads, but a calibration that leaves it out attributes it to thinner gel and a deeper ball.
 """
 
 from dataclasses import replace
@@ -16,29 +17,39 @@ from array_api_compat import device
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of, forward_transform, inverse_transform
-from ninedtact.mechanics.skin import ScalarField
+from ninedtact.mechanics.skin import PeriodicGrid, ScalarField, VectorField
 
 PRESSURE_STIFFENING = 1.7
 """With it, loads of balls of one and two thicknesses, down to the thickness on bases that yield, are right to 3 %."""
-MODULUS_RATIOS = (0.0, 0.025, 0.05, 0.1, 0.2)
-GROWTH = (0.254, 0.008, -0.047, 0.028, 0.03)
-REDISTRIBUTION = (0.292, 0.288, 0.463, 1.008, 1.9)
-TRANSPORT = (0.112, 0.108, 0.135, 0.235, 0.4)
-"""Constants of `finite_strain_height_mm` for these moduli of the gel over that of the base; between them they are interpolated."""
+MODULUS_RATIOS = (0.0, 0.05, 0.1, 0.2, 0.333)
+GROWTH = (0.254, 0.146, 0.151, 0.112, 0.074)
+REDISTRIBUTION = (0.292, 0.42, 0.576, 0.741, 0.932)
+TRANSPORT = (0.112, 0.0, 0.0, 0.0, 0.0)
+"""Constants of `finite_strain_thickening_mm` for these moduli of the gel over that of the base; between them they are
+interpolated."""
 
 
 def correct_for_finite_strain(contact: Contact) -> Contact:
-    """Return the contact, or each of a batch, with the tractions and heights of its gel at finite strain (`Gel.finite_strain`)."""
-    gel = contact.skin.gel
+    """Return the contact, or each of a batch, with the tractions and heights of its gel at finite strain (`Gel.finite_strain`).
+
+    Under the object the skin stays where the object holds it. Around it, the skin lies on gel whose thickness is corrected, over a
+    base that the larger tractions press down further. The gel thickens in proportion to the larger shear.
+    """
+    skin, gel = contact.skin, contact.skin.gel
     if not gel.finite_strain:
         return contact
+    xp = array_namespace_of(contact.pressure_mpa)
     stiffening = finite_strain_stiffening(contact.height_mm, contact.thickness_change_mm, gel)
-    return replace(
-        contact,
-        pressure_mpa=contact.pressure_mpa * stiffening,
-        shear_mpa=contact.shear_mpa * stiffening[..., None, :, :],
-        height_mm=finite_strain_height_mm(contact),
-    )
+    pressure, shear = contact.pressure_mpa * stiffening, contact.shear_mpa * stiffening[..., None, :, :]
+    pressed_mm = -skin.operators.indentation_from_pressure_mm(contact.pressure_mpa)
+    pressed_mm = pressed_mm - skin.interface_height_mm(contact.pressure_mpa, 0 * shear)
+    deepest_mm = xp.max(xp.max(-contact.thickness_change_mm, axis=-1, keepdims=True), axis=-2, keepdims=True)
+    thickening_mm = finite_strain_thickening_mm(pressed_mm, deepest_mm, gel, skin.grid, contact.tangential_mm)
+    around_mm = contact.thickness_change_mm + gel.finite_strain * thickening_mm
+    around_mm = around_mm + skin.operators.bulge_from_shear_mm(shear - contact.shear_mpa)
+    around_mm = around_mm + skin.interface_height_mm(pressure, contact.shear_mpa)
+    height_mm = xp.where(contact.pressure_mpa > 0, contact.height_mm, around_mm)
+    return replace(contact, pressure_mpa=pressure, shear_mpa=shear, height_mm=height_mm)
 
 
 def finite_strain_stiffening(height_mm: ScalarField, thickness_change_mm: ScalarField, gel: Gel) -> ScalarField:
@@ -62,39 +73,41 @@ def finite_strain_stiffening(height_mm: ScalarField, thickness_change_mm: Scalar
     return 1 + gel.finite_strain * PRESSURE_STIFFENING * strain**2
 
 
-def finite_strain_height_mm(contact: Contact) -> ScalarField:
-    """Return the height of the skin under and around an object; under the object it is the linear one.
+def finite_strain_thickening_mm(
+    pressed_mm: ScalarField, deepest_mm: Any, gel: Gel, grid: PeriodicGrid, tangential_mm: VectorField | None = None
+) -> ScalarField:
+    """Return by how much the gel around an object is thicker at full finite strain than that of the linear layer.
 
-    Around it the bulge b (the height where it is above zero) grows near the object and shrinks far from it, and is carried along
-    by the skin that is pushed outwards: f [g s b − r s G(b) − t ∇·(b u)], where f is the share of finite strain, s the greatest
-    thinning over the thickness, u the tangential displacement and G a Gaussian mean over one thickness. On a base that yields the
-    bulge is wider and shrinks most of all.
+    What pressure thickens, b (`pressed_mm`, the change of thickness by pressure alone, where it is above zero), grows near the
+    object and shrinks far from it, and on a rigid base is carried along by the skin that is pushed outwards: g s b − r s G(b) −
+    t ∇·(b u). s is the greatest thinning (`deepest_mm`) over the thickness, u the tangential displacement and G a Gaussian mean
+    over one thickness. Without u the last term is left out.
     """
-    gel, xp, height = contact.skin.gel, array_namespace_of(contact.height_mm), contact.height_mm
-    change = sum(
-        float(np.interp(gel.gel_to_base_modulus_ratio, MODULUS_RATIOS, constants)) * term
-        for constants, term in zip(
-            (GROWTH, REDISTRIBUTION, TRANSPORT), finite_strain_height_terms_mm(contact), strict=True
-        )
+    terms = finite_strain_thickening_terms_mm(pressed_mm, deepest_mm, gel, grid, tangential_mm)
+    constants = (
+        float(np.interp(gel.gel_to_base_modulus_ratio, MODULUS_RATIOS, each))
+        for each in (GROWTH, REDISTRIBUTION, TRANSPORT)
     )
-    return height + gel.finite_strain * xp.where(contact.pressure_mpa > 0, 0 * height, change)
+    return sum(one * term for one, term in zip(constants, terms, strict=False))
 
 
-def finite_strain_height_terms_mm(contact: Contact) -> tuple[ScalarField, ScalarField, ScalarField]:
-    """Return the changes of height at finite strain for constants of one: the bulge grows, spreads and is carried along."""
-    gel, grid, height = contact.skin.gel, contact.skin.grid, contact.height_mm
-    xp = array_namespace_of(height)
-    bulge = xp.where(height > 0, height, 0 * height)
-    thinnest = xp.max(xp.max(-contact.thickness_change_mm, axis=-1, keepdims=True), axis=-2, keepdims=True)
+def finite_strain_thickening_terms_mm(
+    pressed_mm: ScalarField, deepest_mm: Any, gel: Gel, grid: PeriodicGrid, tangential_mm: VectorField | None = None
+) -> tuple[ScalarField, ...]:
+    """Return the terms of `finite_strain_thickening_mm` for constants of one: what thickens grows, spreads, is carried along."""
+    xp = array_namespace_of(pressed_mm)
+    thicker = xp.where(pressed_mm > 0, pressed_mm, 0 * pressed_mm)
     wave_x, wave_y = grid.wave_vectors
     mean = np.exp(-(wave_x**2 + wave_y**2) * gel.thickness_mm**2 / 2)
-    spectrum = forward_transform(bulge, grid.shape) * xp.asarray(mean, dtype=height.dtype, device=device(height))
+    spectrum = forward_transform(thicker, grid.shape) * xp.asarray(mean, dtype=thicker.dtype, device=device(thicker))
     smooth = inverse_transform(spectrum, grid.shape, grid.shape)
+    strain = deepest_mm / gel.thickness_mm
+    if tangential_mm is None:
+        return strain * thicker, -strain * smooth
     carried = sum(
-        _difference(xp, bulge * contact.tangential_mm[..., axis, :, :], -1 - axis, grid.pitch_mm) for axis in (0, 1)
+        _difference(xp, thicker * tangential_mm[..., axis, :, :], -1 - axis, grid.pitch_mm) for axis in (0, 1)
     )
-    strain = thinnest / gel.thickness_mm
-    return strain * bulge, -strain * smooth, -carried
+    return strain * thicker, -strain * smooth, -carried
 
 
 def _difference(xp: Any, field: ScalarField, axis: int, pitch_mm: float) -> ScalarField:

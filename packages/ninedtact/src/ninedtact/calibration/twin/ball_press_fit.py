@@ -58,12 +58,14 @@ from ninedtact.simulation.gel_brightness import BrightnessModel
 RELATIVE_THICKNESS_STD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
 (`simulation.real_sensor_twins`)."""
-MODULUS_RATIO_STD = 0.04
+MODULUS_RATIO_STD = 0.08
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a rigid
 base to one eight times as stiff as the gel."""
 MODULUS_RATIO_MODEL_STD = 0.04
 """Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within
 its error move the result by as much."""
+SEARCHED_BASES = (1e-3, 0.05, 0.1, 0.2, 0.3)
+"""Moduli of the gel over that of its base from each of which a fit is tried."""
 TYPICAL_PARAMETERS = {
     "thickness_mm": 2.0,
     "point_spread_mm": 0.45,
@@ -249,7 +251,10 @@ def fit_twin_to_ball_press(
     ]
     priors = priors if base is None else (*priors, base.held)
     prior_terms = _make_prior_terms(design.gel, residual, sum(observations), priors)
-    problem, vector, jacobian = fit_finely(problem, start, prior_terms)
+    is_base_searched = not initial and base is None and not design.gel.has_rigid_base
+    starts = _starts_by_base(problem, start, prior_terms) if is_base_searched else (start,)
+    fits = [fit_finely(problem, one, prior_terms) for one in starts]
+    problem, vector, jacobian = min(fits, key=lambda fit: _sum_of_squares(fit[0], fit[1], prior_terms))
     coefficients, residual = problem.fit_linear_terms(vector)
     stacked = np.append(residual, prior_terms.residual(vector))
 
@@ -262,7 +267,7 @@ def fit_twin_to_ball_press(
 
     first, *others = split_by_press(vector)
     level, slopes, first_rows = coefficients[0], coefficients[len(balls) :], problem.rows[0]
-    fits = (
+    further_fits = (
         FurtherPressFit(
             one,
             ball,
@@ -278,7 +283,7 @@ def fit_twin_to_ball_press(
         residual[first_rows],
         uncertainty,
         perf_counter() - start_s,
-        tuple(fits),
+        tuple(further_fits),
         _depth_std_share(problem, jacobian, residual, observations, not design.gel.has_rigid_base),
     )
 
@@ -326,6 +331,37 @@ def _search_from_circles(
     return fit_coarsely(coarse, leave_some_gel(coarse, start)[0])
 
 
+def _starts_by_base(
+    problem: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms
+) -> tuple[ParameterVector, ...]:
+    """Return the two best of the fits with each of `SEARCHED_BASES`, on the coarse grid.
+
+    All other parameters follow the base along a curved valley with several minima, in the nearest of which a single fit ends.
+    """
+    coarse, vector, fits = _on_coarse_grid(problem), start, []
+    for ratio in SEARCHED_BASES:
+        vector = _best_with_base(coarse, vector, prior_terms, ratio)
+        fits.append(vector)
+    return tuple(sorted(fits, key=lambda one: _sum_of_squares(coarse, one, prior_terms))[:2])
+
+
+def _sum_of_squares(problem: JointPressProblem, vector: ParameterVector, prior_terms: PriorTerms) -> float:
+    """Return the sum of squares of residual and prior terms."""
+    return float(np.sum(problem.fit_linear_terms(vector)[1] ** 2) + np.sum(prior_terms.residual(vector) ** 2))
+
+
+def _best_with_base(
+    coarse: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms, ratio: float
+) -> ParameterVector:
+    """Return the best parameters with this base, from a start near by."""
+    others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_to_base_modulus_ratio")
+    held = ParameterPrior("gel_to_base_modulus_ratio", ratio, _HELD_STD)
+    start = start.copy()
+    start[BASE_INDEX] = ratio
+    start, _ = leave_some_gel(coarse, start)
+    return fit_finely(coarse, start, replace(prior_terms, priors=(*others, held)), _OTHER_BASE_TOLERANCE)[1]
+
+
 def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     """Return the initial guess from the disc: its centre, the depth by the rule of its edge, the drag by the asymmetry
     of its bulge.
@@ -354,21 +390,12 @@ def _change_per_modulus_ratio(
     A difference over what is not known of the base says more than the derivative, because the fit is far from linear in it. Both
     fits are made on the coarse grid, whose error they share.
     """
-    coarse, name = _on_coarse_grid(problem), "gel_to_base_modulus_ratio"
-    others = tuple(prior for prior in prior_terms.priors if prior.name != name)
-
-    def best_with_base(ratio: float, start: ParameterVector) -> ParameterVector:
-        held = replace(prior_terms, priors=(*others, ParameterPrior(name, ratio, _HELD_STD)))
-        start = start.copy()
-        start[BASE_INDEX] = ratio
-        start, _ = leave_some_gel(coarse, start)
-        return fit_finely(coarse, start, held, _OTHER_BASE_TOLERANCE)[1]
-
+    coarse = _on_coarse_grid(problem)
     fitted = float(vector[BASE_INDEX])
     stiffer = fitted > MODULUS_RATIO_MODEL_STD / 2  # towards a rigid base the press changes most
     other = max(fitted - MODULUS_RATIO_MODEL_STD, NEARLY_RIGID) if stiffer else fitted + MODULUS_RATIO_MODEL_STD
-    here = best_with_base(fitted, vector)
-    there = best_with_base(other, here)
+    here = _best_with_base(coarse, vector, prior_terms, fitted)
+    there = _best_with_base(coarse, here, prior_terms, other)
     return np.asarray((there - here) / (there[BASE_INDEX] - here[BASE_INDEX]))
 
 

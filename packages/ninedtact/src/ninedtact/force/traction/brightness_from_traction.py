@@ -15,7 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.observation import CellGrid
-from ninedtact.mechanics.finite_strain import finite_strain_stiffening
+from ninedtact.mechanics.finite_strain import finite_strain_stiffening, finite_strain_thickening_mm
 from ninedtact.mechanics.numpy_or_torch_arrays import forward_transform, inverse_transform
 from ninedtact.mechanics.skin import Skin
 
@@ -36,7 +36,7 @@ class DeformedSkin:
 
     height_mm: SkinField
     thickness_change_mm: SkinField
-    """Change of the gel's thickness; on a base that yields less thinning at finite strain, because the load is larger."""
+    """Change of the gel's thickness, that at finite strain included."""
     stiffening: SkinField
     """Ratio of the tractions at finite strain to those of the linear gel."""
     nonlinear_mm: SkinField
@@ -101,19 +101,21 @@ class ForwardModel:
         return down, np.ascontiguousarray(across.T)
 
     def deform(self, tractions: Tractions) -> DeformedSkin:
-        """Return all skin under tractions of the linear gel on the view."""
-        shape = self.cells.patch.shape
+        """Return all skin under tractions of the linear gel on the view, with thickness as in `correct_for_finite_strain`."""
+        (rows, cols), shape, gel = tractions.shape[1:], self.cells.patch.shape, self.gel
         waves = forward_transform(tractions, shape)
         height_mm = self._to_skin(waves, self._height_compliance)
-        if self.gel.has_rigid_base:
-            stiffening = finite_strain_stiffening(height_mm, height_mm, self.gel)
-            return DeformedSkin(height_mm, height_mm, stiffening, np.zeros_like(height_mm))
-        interface_mm = self._to_skin(waves, self._interface_compliance)
-        stiffening = finite_strain_stiffening(height_mm, height_mm - interface_mm, self.gel)
-        rows, cols = tractions.shape[1:]
+        linear_mm = height_mm if gel.has_rigid_base else height_mm - self._to_skin(waves, self._interface_compliance)
+        stiffening = finite_strain_stiffening(height_mm, linear_mm, gel)
         added = forward_transform(tractions * (stiffening[:rows, :cols] - 1), shape)
-        nonlinear_mm = -self._to_skin(added, self._interface_compliance)
-        return DeformedSkin(height_mm, height_mm - interface_mm + nonlinear_mm, stiffening, nonlinear_mm)
+        pressed_mm = self._to_skin(waves[:1], self.compliance[:1])
+        thickening_mm = finite_strain_thickening_mm(pressed_mm, -linear_mm.min(), gel, self.cells.patch)
+        around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[1:], self.compliance[1:])
+        is_under = np.zeros(shape, bool)
+        is_under[:rows, :cols] = tractions[0] > 0
+        under_mm = 0.0 if gel.has_rigid_base else -self._to_skin(added, self._interface_compliance)
+        nonlinear_mm = np.where(is_under, np.float32(0) + under_mm, around_mm)
+        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, nonlinear_mm)
 
     def thickness_change_mm(self, height_mm: SkinField) -> SkinField:
         """Return the change of the linear gel's thickness where pressure alone gives the skin this height."""
