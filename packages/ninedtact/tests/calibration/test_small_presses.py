@@ -69,7 +69,9 @@ def press(change: np.ndarray) -> BallPress:
     noise = np.random.default_rng(0).normal(0, 0.3, SHAPE)
     grey = UNTOUCHED.grey * (1 + LIGHT.image_dimming(change)) * (1 + change) + noise
     after = Rectified(grey.astype(np.float32), MM_PER_PX)
-    return BallPress(UNTOUCHED, after, find_usable_contact_circle(UNTOUCHED, after, DESIGN.ball, "physics"))
+    return BallPress(
+        UNTOUCHED, after, find_usable_contact_circle(UNTOUCHED, after, DESIGN.ball, "physics"), DESIGN.ball
+    )
 
 
 @pytest.fixture(scope="module")

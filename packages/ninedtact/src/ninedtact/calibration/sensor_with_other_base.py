@@ -12,11 +12,10 @@ from threadpoolctl import threadpool_limits
 from ninedtact.calibration.ball.ball_fit import fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import find_ball_press
 from ninedtact.calibration.brightness_change import estimate_camera_noise, flat_fielded_brightness_change
-from ninedtact.calibration.procedure import make_ball_quality, make_depth_table
+from ninedtact.calibration.fit_tables import make_ball_quality, make_depth_table, make_twin_table
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import KnownBase
 from ninedtact.calibration.twin.press_search import ParameterPrior
-from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.simulation.calibration_press_models import BallPressModel, BallPressParameters
 
 
