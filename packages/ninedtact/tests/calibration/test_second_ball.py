@@ -25,11 +25,11 @@ from ninedtact.calibration.twin.ball_press_fit import prior_of_base
 from ninedtact.calibration.twin.fit_parameters import (
     fit_parameters,
     join_presses,
+    model_error_share,
     parameters_of_press,
     press_count_of,
     split_by_press,
 )
-from ninedtact.calibration.twin.fit_uncertainty import model_error_share
 from ninedtact.cli import main
 from ninedtact.design import BallGauge, DesignImpossible, Gel, SensorDesign
 from ninedtact.mechanics.indenter import Ball

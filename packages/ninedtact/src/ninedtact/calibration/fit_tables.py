@@ -24,7 +24,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.calibration.settings import LensKind
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
-from ninedtact.calibration.twin.fit_uncertainty import FitUncertainty
+from ninedtact.calibration.twin.fit_parameters import FitUncertainty
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import STIFFENING

@@ -4,7 +4,7 @@ of its thickness and of a load. In: what is known of a sensor (`KnownPress`), fr
 The image of every candidate is predicted by the model of the calibration (`simulation.calibration_press_models`), and the
 information of the images adds up (Gauss–Markov), as in the joint fit: gel, light and view are shared, pose and level belong to each
 press. An image counts as many independent observations as that of the calibration does. The error of the model, which one image
-cannot reduce, shrinks as in the fit (`twin.fit_uncertainty.model_error_share`).
+cannot reduce, shrinks as in the fit (`twin.fit_parameters.model_error_share`).
 """
 
 from collections.abc import Iterator
@@ -26,9 +26,10 @@ from ninedtact.calibration.twin.fit_parameters import (
     NEARLY_RIGID,
     PARAMETER_NAMES,
     POSE_COUNT,
+    information_of_parameter,
     perturb_parameter,
+    share_left_of_model_error,
 )
-from ninedtact.calibration.twin.fit_uncertainty import information_of_parameter, share_left_of_model_error
 from ninedtact.calibration.twin.observed_presses import REACH_MM
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter, LyingCylinder

@@ -50,7 +50,6 @@ def load_on_calibration_ball_n(folder: SensorFolder) -> float:
 
 
 def _fitted_press(folder: SensorFolder) -> BallPressParameters:
-    """Return the press of the ball as it was fitted."""
     assert folder.record.twin is not None
     found = folder.record.twin.fit.parameters
     return BallPressParameters(**{field.name: found[field.name].value for field in fields(BallPressParameters)})

@@ -26,10 +26,8 @@ Use = Literal["shape", "force", "twin"]
 """What a calibration is used for."""
 USES: tuple[Use, ...] = ("shape", "force", "twin")
 CheckLevel = Literal["pass", "warn", "fail"]
-CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
 """The levels of a check, from best to worst."""
 OverallLevel = Literal["pass", "warn", "poor", "fail"]
-OVERALL_LEVELS: tuple[OverallLevel, ...] = ("pass", "warn", "poor", "fail")
 """The levels of a certificate, from best to worst."""
 _LITTLE_GAIN = 0.8
 """Share of the error of the depth that is left, above which a second press adds little."""

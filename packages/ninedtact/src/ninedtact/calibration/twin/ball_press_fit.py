@@ -22,21 +22,20 @@ from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
     NEARLY_RIGID,
     PARAMETER_NAMES,
-    join_presses,
-    parameter_bounds,
-    split_by_press,
-)
-from ninedtact.calibration.twin.fit_uncertainty import (
     FitUncertainty,
     effective_observation_count,
     estimate_uncertainty,
+    join_presses,
     model_error_share,
+    parameter_bounds,
     parameter_covariance,
+    split_by_press,
 )
 from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, implied_ball_radius
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
-from ninedtact.calibration.twin.press_fit_residuals import BallPressProblem, JointPressProblem
 from ninedtact.calibration.twin.press_search import (
+    BallPressProblem,
+    JointPressProblem,
     ParameterPrior,
     PriorTerms,
     fit_coarsely,
@@ -364,7 +363,6 @@ def _change_per_modulus_ratio(
 
 
 def _on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:
-    """Return the problem with contacts on the coarse grid."""
     return JointPressProblem(
         tuple(
             BallPressProblem(one.observed, BallPressModel(one.model.design, COARSE_PITCH_MM, COARSE_STEP_MM))
