@@ -1,5 +1,6 @@
 """The fits of a calibration as tables of `sensor.toml`: lens, depth, twin, and the quality of each press for the certificate."""
 
+from dataclasses import fields
 from functools import partial
 
 import numpy as np
@@ -31,6 +32,7 @@ from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.quantities import BgrImage
 from ninedtact.shape.depth import Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
+from ninedtact.simulation.calibration_press_models import BallPressParameters
 
 
 def make_lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
@@ -109,6 +111,12 @@ def _strongest_correlation(uncertainty: FitUncertainty, name: str) -> tuple[str 
     if name not in uncertainty.standard_deviations:
         return None, None
     return uncertainty.most_correlated_parameter(name)
+
+
+def fitted_ball_press(table: TwinTable) -> BallPressParameters:
+    """Return the press of the ball as it was fitted, of a sensor with this table."""
+    found = table.fit.parameters
+    return BallPressParameters(**{field.name: found[field.name].value for field in fields(BallPressParameters)})
 
 
 def make_board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> BoardQuality:

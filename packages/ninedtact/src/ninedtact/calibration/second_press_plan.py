@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
+from ninedtact.calibration.fit_tables import fitted_ball_press
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import (
     MODULUS_RATIO_MODEL_STD,
@@ -120,11 +121,10 @@ class PressPlan:
 def known_press_of_sensor(folder: SensorFolder) -> KnownPress:
     """Return the press of the ball of a calibrated sensor; raises `CalibrationError` for one without a twin."""
     table = folder.require_twin()
-    values = {name: parameter.value for name, parameter in table.fit.parameters.items()}
     board = table.board_press
     return KnownPress(
         folder.record.design,
-        BallPressParameters(**{name: values[name] for name in PARAMETER_NAMES}),
+        fitted_ball_press(table),
         table.light,
         table.fit.effective_observations,
         table.fit.image_rmse_grey_levels,
