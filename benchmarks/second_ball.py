@@ -21,7 +21,7 @@ from ninedtact.calibration.second_press_plan import (
     KnownPress,
     errors_with_candidate,
 )
-from ninedtact.calibration.twin.ball_press_fit import FurtherPress, TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.capture.strict_image_reading import average_images
 from ninedtact.design import BallGauge
 from ninedtact.mechanics.indenter import Ball
@@ -121,7 +121,7 @@ def depths(who: SampledSensor, radius_mm: float, refines_lens: bool) -> tuple[De
     press = find_ball_press(rectify, *images.ball_pair, design.ball, "physics")
     if fit is None:
         second = find_ball_press(rectify, *images.second_ball_pair, design.ball.second, "physics")
-        fit = fit_twin_to_ball_press(press, design, further=(FurtherPress(second, design.ball.second),))
+        fit = fit_twin_to_ball_press(press, design, further=(second,))
     alone = fit_twin_to_ball_press(press, design, priors)
     known = KnownPress(
         design, alone.press, alone.light, alone.uncertainty.effective_observations, alone.image_rmse_grey_levels

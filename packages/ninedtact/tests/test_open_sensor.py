@@ -149,7 +149,7 @@ def test_a_reference_of_one_grey_level_is_a_fault_and_no_crash(
     (found,) = check.find_faults([replace(frame, image=np.full_like(frame.image, grey))])
     assert found.startswith(f"{fault}: ")
     cv2.imwrite(str(tmp_path / "reference.png"), np.full_like(frame.image, grey))
-    with pytest.raises(InputError, match=f"expected a reference image of sensor my_sensor .*; {fault}: "):
+    with pytest.raises(InputError, match=f"expected the reference images to show sensor my_sensor .*; {fault}: "):
         ninedtact.open(physical_sensor, source="sim", force="none", reference=tmp_path / "reference.png")
 
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from little_sources import LittleTree, grey, mixed_of, touched, untouched, wrench_about_sensor
 
 from ninedtact.errors import DatasetError, InputError, NinedtactError, OutputError
-from ninedtact_train.dataset.schema import DatasetRow, RejectedItem
+from ninedtact_train.dataset.fault_report import PairFinding
+from ninedtact_train.dataset.schema import DatasetRow
 from ninedtact_train.dataset.sources.source import SourceConventions
 
 
@@ -154,7 +155,7 @@ def test_every_file_ends_in_a_row_or_in_the_list(files: list[tuple[str, str, str
             assert "expected" in str(refusal)
             return
         rows = {item.id for item in items if isinstance(item, DatasetRow)}
-        left_out = {item.id for item in items if isinstance(item, RejectedItem)}
+        left_out = {item.id for item in items if isinstance(item, PairFinding)}
         assert not rows & left_out
         for file in (path for path in root.rglob("*") if path.is_file() and not path.name.startswith(".")):
             kind, *middle, name = file.relative_to(root).parts

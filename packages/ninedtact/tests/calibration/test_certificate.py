@@ -5,6 +5,7 @@ from base64 import b64decode
 from dataclasses import dataclass, replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import get_args
 
 import cv2
 import msgspec
@@ -17,12 +18,12 @@ from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.certificate.checks import (
     BALL_CHECKS,
     BOARD_CHECKS,
-    CHECK_LEVELS,
     LENGTH_CHECKS,
-    OVERALL_LEVELS,
     SECOND_BALL_CHECKS,
     USES,
+    CheckLevel,
     CheckResult,
+    OverallLevel,
     certificate_headline,
     compute_certificate_checks,
     overall_check_level,
@@ -213,7 +214,8 @@ def test_worse_figure_never_improves_a_line(figure: tuple[str, str, int], data: 
         rank(one) <= rank(two)
         for one, two in zip(compute_certificate_checks(first), compute_certificate_checks(second), strict=True)
     )
-    assert OVERALL_LEVELS.index(overall_check_level(first)) <= OVERALL_LEVELS.index(overall_check_level(second))
+    levels = get_args(OverallLevel)
+    assert levels.index(overall_check_level(first)) <= levels.index(overall_check_level(second))
 
 
 def test_refused_board_is_drawn_with_the_spots_that_were_seen() -> None:
@@ -241,7 +243,7 @@ def with_figure(certificate: Certificate, part: str, name: str, value: float | l
 
 
 def rank(line: CheckResult) -> int:
-    return CHECK_LEVELS.index(line.level)
+    return get_args(CheckLevel).index(line.level)
 
 
 def number_in(cell: str) -> float | None:

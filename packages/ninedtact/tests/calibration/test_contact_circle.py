@@ -8,6 +8,7 @@ from ninedtact.calibration.ball.contact_circle import (
     ContactCircle,
     find_contact_circle,
 )
+from ninedtact.design import BallGauge
 from ninedtact.quantities import Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -57,19 +58,21 @@ def ball_press(radius_px: float = 32.0) -> BallPress:
     """A press of a pixel of a tenth of a millimetre, of which only the circle is asked."""
     before = Rectified(np.full(SHAPE, 80, np.float32), 0.1)
     after = np.full(SHAPE, 60, np.float32)
-    return BallPress(before, Rectified(after, 0.1), ContactCircle((119.5, 69.5), radius_px, 0.1, 20, (0.0, 0.0)))
+    return BallPress(
+        before, Rectified(after, 0.1), ContactCircle((119.5, 69.5), radius_px, 0.1, 20, (0.0, 0.0)), BallGauge()
+    )
 
 
 def test_lines_of_sight_meet_the_ball_where_sphere_and_line_do() -> None:
     press = ball_press()
-    depth_mm = press.rigid_ball_depth_mm(4.0, 14.0)
+    depth_mm = press.rigid_ball_depth_mm(14.0)
     x, y = skin_grid_mm(SHAPE, 0.1)
     part = 1 - depth_mm / 14
     out_of_ball = np.sqrt((part * x - 2) ** 2 + (part * y + 1) ** 2 + (-depth_mm - 2.4) ** 2) - 4
     assert np.abs(out_of_ball[depth_mm > 0]).max() < 1e-5
     beside = np.hypot(x - 2, y + 1)
     assert (depth_mm[beside > 3.25] == 0).all() and (depth_mm[beside < 3.15] > 0).all()
-    far_mm = press.rigid_ball_depth_mm(4.0, 1e6)
+    far_mm = press.rigid_ball_depth_mm(1e6)
     assert far_mm.max() == pytest.approx(4 - 2.4, abs=1e-3)
 
 

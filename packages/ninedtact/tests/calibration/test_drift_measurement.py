@@ -214,7 +214,7 @@ def test_a_reference_with_a_contact_or_of_another_sensor_is_refused_and_slow_cha
     ):
         found = check.find_faults([Frame(image_of(brightness, 4)), Frame(image_of(brightness, 5))])
         assert [each.partition(":")[0] for each in found] == ([] if fault is None else [fault])
-    with pytest.raises(InputError, match="of sensor small without contact, got one with a fault; something"):
+    with pytest.raises(InputError, match="show sensor small without contact, got a fault; something"):
         check.require_faultless([Frame(image_of(untouched * press, 4))])
     assert ReferenceImageChecker("imported", None).find_faults([Frame(image_of(untouched * press, 4))]) == ()
 

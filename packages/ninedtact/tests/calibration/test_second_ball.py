@@ -11,8 +11,9 @@ import pytest
 from msgspec import structs
 
 from ninedtact.calibration.ball.ball_fit import fit_ball
-from ninedtact.calibration.ball.second_ball import find_second_press, second_ball_quality
+from ninedtact.calibration.ball.ball_press import find_second_press
 from ninedtact.calibration.certificate.checks import compute_certificate_checks
+from ninedtact.calibration.fit_tables import make_second_ball_quality
 from ninedtact.calibration.guidance import guided_capture_steps
 from ninedtact.calibration.procedure import SECOND_BALL_NAMES
 from ninedtact.calibration.save import save_images_beside, to_sensor_toml
@@ -24,11 +25,11 @@ from ninedtact.calibration.twin.ball_press_fit import prior_of_base
 from ninedtact.calibration.twin.fit_parameters import (
     fit_parameters,
     join_presses,
+    model_error_share,
     parameters_of_press,
     press_count_of,
     split_by_press,
 )
-from ninedtact.calibration.twin.fit_uncertainty import model_error_share
 from ninedtact.cli import main
 from ninedtact.design import BallGauge, DesignImpossible, Gel, SensorDesign
 from ninedtact.mechanics.indenter import Ball
@@ -151,7 +152,7 @@ def test_a_second_ball_of_another_radius_than_stated_is_noticed(with_second_ball
     second = [sensor.stored_image(name).image for name in SECOND_BALL_NAMES]
     further = find_second_press(sensor.rectification, (second[0], second[1]), larger, "physics")
     ball = fit_ball(sensor.rectification, pair[0], pair[1], larger, further=further)
-    found = second_ball_quality(ball.twin_fit)
+    found = make_second_ball_quality(ball.twin_fit)
     assert found is not None and abs(found.likely_radius_mm - 2.5) < 0.2
     (check,) = compute_certificate_checks(Certificate(second_ball=found))
     assert check.level == "warn" and "2.9 mm" in check.text and "calliper" in check.text

@@ -13,8 +13,8 @@ from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
-from ninedtact.calibration.twin.fit_parameters import PARAMETER_NAMES
-from ninedtact.calibration.twin.fit_uncertainty import (
+from ninedtact.calibration.twin.fit_parameters import (
+    PARAMETER_NAMES,
     FitUncertainty,
     effective_observation_count,
     parameter_covariance,
@@ -23,7 +23,7 @@ from ninedtact.calibration.twin.lens_refinement import (
     appearing_imprints_mm,
 )
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
-from ninedtact.calibration.twin.press_fit_residuals import BallPressProblem
+from ninedtact.calibration.twin.press_search import BallPressProblem
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
 from ninedtact.design import Gel, PinBoard, SensorDesign
 from ninedtact.quantities import Rectified, skin_grid_mm
@@ -69,7 +69,9 @@ def press(change: np.ndarray) -> BallPress:
     noise = np.random.default_rng(0).normal(0, 0.3, SHAPE)
     grey = UNTOUCHED.grey * (1 + LIGHT.image_dimming(change)) * (1 + change) + noise
     after = Rectified(grey.astype(np.float32), MM_PER_PX)
-    return BallPress(UNTOUCHED, after, find_usable_contact_circle(UNTOUCHED, after, DESIGN.ball, "physics"))
+    return BallPress(
+        UNTOUCHED, after, find_usable_contact_circle(UNTOUCHED, after, DESIGN.ball, "physics"), DESIGN.ball
+    )
 
 
 @pytest.fixture(scope="module")

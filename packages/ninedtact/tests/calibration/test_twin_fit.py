@@ -54,7 +54,7 @@ def pressed(twin: Twin, indenter: Indenter, at: Pose, drag_mm: tuple[float, floa
 
 
 def press_in(before: Rectified, after: Rectified) -> BallPress:
-    return BallPress(before, after, find_usable_contact_circle(before, after, DESIGN.ball, "physics"))
+    return BallPress(before, after, find_usable_contact_circle(before, after, DESIGN.ball, "physics"), DESIGN.ball)
 
 
 @pytest.fixture(scope="module")

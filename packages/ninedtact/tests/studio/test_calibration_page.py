@@ -23,6 +23,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedPages
+from ninedtact.cli.shared_options import PageAddressOptions
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.studio.calibration_page import CalibrationPage
@@ -145,7 +146,7 @@ def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
 
 
 def test_the_live_page_follows_at_the_same_address(tmp_path: Path) -> None:
-    pages = GuidedPages(CalibrationPageOptions(host="0.0.0.0", port=1234), "0")
+    pages = GuidedPages(CalibrationPageOptions(address=PageAddressOptions("0.0.0.0", 1234)), "0")
     sensor = pages.live_sensor(load_sensor(sensor_folder(tmp_path / "small")))
     assert sensor.folder.id == "small" and sensor.live.sensor.source.name == "camera 0"
     assert (pages.guard.host, pages.port) == ("0.0.0.0", 1234)

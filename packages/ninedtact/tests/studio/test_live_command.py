@@ -14,6 +14,7 @@ from small_sensor import image_folder, sensor_folder
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
 from ninedtact.cli.live import Live
+from ninedtact.cli.shared_options import PageAddressOptions
 from ninedtact.errors import InputError
 from ninedtact.live_sensor import assemble_live_sensor
 
@@ -71,4 +72,4 @@ def test_bad_options_are_refused_before_any_camera_is_touched(tmp_path: Path, im
     with pytest.raises(InputError, match="above 0 and at most 120, got 0;"):
         Live((str(images),), (str(folder),), display_hz=0).run()
     with pytest.raises(InputError, match="got 'robot';"):
-        Live((str(images),), (str(folder),), allow_origin=("robot",)).run()
+        Live((str(images),), (str(folder),), address=PageAddressOptions(allow_origin=("robot",))).run()

@@ -58,7 +58,7 @@ from ninedtact_train.dataset.parquet_files import (
     write_pair_file,
     write_reference_images_file,
 )
-from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, SourceItem
 from ninedtact_train.dataset.sources.source import Source
 
 _PARTS_FOLDER = "parts"
@@ -179,8 +179,8 @@ def _separate_rows(
         if isinstance(item, ReferenceImage):
             references.setdefault(item.reference_id, item)
             continue
-        row = None if isinstance(item, RejectedItem) else next(numbers)
-        for fault, message in ((item.fault, item.message),) if isinstance(item, RejectedItem) else item.faults:
+        row = None if isinstance(item, PairFinding) else next(numbers)
+        for fault, message in ((item.fault, item.message),) if isinstance(item, PairFinding) else item.faults:
             findings.append(PairFinding(fault, escape_invalid_utf8(item.id), escape_invalid_utf8(message), row))
         if isinstance(item, DatasetRow):
             yield item

@@ -6,15 +6,12 @@ its name or meaning; a data set of another format is refused.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.quantities import NO_OBJECT
-
-if TYPE_CHECKING:
-    from ninedtact_train.dataset.fault_report import PairFault
+from ninedtact_train.dataset.fault_report import PairFault, PairFinding
 
 DATASET_FORMAT = 2
 """Stored in the metadata of every Parquet file and in settings.json."""
@@ -78,7 +75,7 @@ class DatasetRow:
     source: str | None
     mm_per_px: float | None = None
     wrench_delay_ms: float | None = None
-    faults: "tuple[tuple[PairFault, str], ...]" = ()
+    faults: tuple[tuple[PairFault, str], ...] = ()
     """Faults that were found while the source was read, each with a message; not a column."""
 
 
@@ -92,14 +89,5 @@ class ReferenceImage:
     sensor: str
 
 
-@dataclass(frozen=True)
-class RejectedItem:
-    """An item of a source that cannot become a pair."""
-
-    fault: "PairFault"
-    id: str
-    message: str
-
-
-SourceItem = DatasetRow | ReferenceImage | RejectedItem
-"""An item that a source yields; a reference image comes before the rows that name it."""
+SourceItem = DatasetRow | ReferenceImage | PairFinding
+"""An item that a source yields: a pair, a reference image (before the rows that name it), or a finding, which becomes no pair."""

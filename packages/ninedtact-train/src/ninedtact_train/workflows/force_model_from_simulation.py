@@ -19,7 +19,6 @@ from ninedtact_train.dataset.generation.generate import generate_dataset
 from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings
 from ninedtact_train.dataset.split import HeldOutSettings
 from ninedtact_train.evaluation.model_card_markdown import format_model_card
-from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.training.onnx_export import rewrite_card
 from ninedtact_train.training.settings import DEFAULT_TRAINING, ComputeSettings
 from ninedtact_train.training.train import MODEL_FILE
@@ -82,7 +81,6 @@ class ForceModelRecipe:
             sensors=self.validation_sensors,
             object_names=_object_names(held_out=True),
             seed=_VALIDATION_SEED,
-            mechanics=MechanicsShares(),
             pitch_mm=self.validation_pitch_mm,
             design=self.design,
         )

@@ -9,53 +9,49 @@ gives the depth of its imprints, the viewing distance and so the lens; the ball 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
-from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, simulate_height_noise_mm
+from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, find_second_press
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
-from ninedtact.calibration.ball.second_ball import find_second_press, little_gain_warnings, second_ball_quality
 from ninedtact.calibration.board.board_fit import BoardFit, build_rectification, fit_board
-from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.brightness_change import (
-    OVEREXPOSED,
     different_skin_warnings,
     estimate_camera_noise,
     flat_fielded_brightness_change,
 )
-from ninedtact.calibration.certificate.checks import press_through_gel_warnings
+from ninedtact.calibration.certificate.checks import little_gain_warnings, press_through_gel_warnings
 from ninedtact.calibration.certificate.length_evidence import weigh_lengths
+from ninedtact.calibration.fit_tables import (
+    make_ball_quality,
+    make_board_quality,
+    make_depth_table,
+    make_lens_table,
+    make_second_ball_quality,
+    make_twin_table,
+)
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
     SENSOR_FORMAT,
-    BallQuality,
-    BoardQuality,
     Certificate,
-    DepthTable,
     GridTable,
     LensModelTable,
     PinMapTable,
     PixelMapTable,
     SensorTomlRecord,
-    make_lens_model_table,
-    make_pin_map_table,
     require_sensor_id,
 )
 from ninedtact.calibration.settings import CalibrationSettings, LensKind
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
-from ninedtact.calibration.twin.twin_table import make_twin_table
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.depth import DepthMethod, Smoothing
-from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
+from ninedtact.shape.lens_and_rectification import Rectification
 
 _MAX_ALTERNATIONS = 2
 """Number of alternations between board and ball. The first starts from the light of a preliminary lens and viewing distance; the
@@ -252,7 +248,7 @@ def _make_record(
         grid, lens = imported.record.grid, imported.record.lens
     else:
         grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
-        lens = _lens_table(board, settings.lens)
+        lens = make_lens_table(board, settings.lens)
     depth, twin, ball_quality = None, None, None
     if fits.ball is not None and images.ball_pair is not None:
         # A height against an averaged reference contains the noise of one image.
@@ -262,7 +258,7 @@ def _make_record(
         if fits.twin is not None:
             noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
             twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
-    board_quality = None if board is None else _board_quality(board, rectify, settings.lens)
+    board_quality = None if board is None else make_board_quality(board, rectify, settings.lens)
     lengths = weigh_lengths(board, fits.twin, design)
     warnings = _warnings(images, fits, design)
     return SensorTomlRecord(
@@ -275,31 +271,8 @@ def _make_record(
         lens=lens,
         depth=depth,
         twin=twin,
-        certificate=Certificate(board_quality, ball_quality, second_ball_quality(fits.twin), lengths, warnings),
+        certificate=Certificate(board_quality, ball_quality, make_second_ball_quality(fits.twin), lengths, warnings),
     )
-
-
-def make_depth_table(
-    ball: BallFit, rectify: Rectification, reference: BgrImage, noise_grey_levels: float, smoothing: Smoothing
-) -> DepthTable:
-    """Return the calibrated depth as a table of `sensor.toml`. reference: the raw image of the skin before the ball."""
-    reader = partial(ball.reader, source=rectify.height_source)
-    return DepthTable(
-        ball.method,
-        simulate_height_noise_mm(reader, rectify, reference, noise_grey_levels),
-        smoothing,
-        ball.curve,
-        ball.loss,
-        ball.deblurring,
-        STIFFENING if ball.base_deflection is None else ball.base_deflection.stiffening,
-    )
-
-
-def _lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
-    """Return the chosen lens as a table of `sensor.toml`."""
-    if kind == "paper":
-        return make_pin_map_table(board.published_map.projection)
-    return make_lens_model_table(board.lens, None if board.correction is None else board.correction.correction)
 
 
 IMPORTED_LENS_WARNING = (
@@ -324,47 +297,7 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     if images.ball_pair is not None and images.second_ball_pair is not None:
         references = images.ball_pair[0], images.second_ball_pair[0]
         warnings += different_skin_warnings(*references, "ball", "second ball")
-    return warnings + little_gain_warnings(second_ball_quality(fits.twin))
-
-
-def _board_quality(board: BoardFit, rectify: Rectification, kind: LensKind) -> BoardQuality:
-    """Return the quality of the camera calibration."""
-    lens = board.lens_of_kind(kind)
-    is_corrected = kind == "model" and board.correction is not None
-    return BoardQuality(
-        pins_found=int(board.found.sum()),
-        pins_expected=board.board.count,
-        missing_pins=board.missing_pins,
-        leave_one_out_rms_mm=rms_vector_length(lens.leave_one_out_errors_mm),
-        leave_one_out_max_mm=float(np.hypot(*lens.leave_one_out_errors_mm.T).max()),
-        published_method_rms_mm=board.published_map.leave_one_out_rms_mm,
-        mm_per_px=rectify.mm_per_px,
-        mm_per_px_std=lens.relative_scale_std * rectify.mm_per_px,
-        contrast_grey_levels=float(np.median(board.contrast)),
-        noise_grey_levels=board.camera_noise_grey_levels,
-        lens=kind,
-        camera_rotation_deg=board.mounting,
-        uncorrected_rms_mm=board.lens_fit.leave_one_out_rms_mm if is_corrected else None,
-    )
-
-
-def make_ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, noise_mm: float) -> BallQuality:
-    """Return the quality of the depth calibration."""
-    circle = ball.press.circle
-    return BallQuality(
-        method=ball.method,
-        contact_radius_px=circle.radius_px,
-        contact_radius_mm=ball.press.edge_radius_mm,
-        ball_radius_mm=design.ball.radius_mm,
-        max_indentation_mm=ball.max_indentation_mm,
-        reconstruction_mae_mm=ball.reconstruction_mae_mm,
-        cross_validation_mae_mm=ball.cross_validation_mae_mm,
-        range_mm=ball.range_mm,
-        noise_mm=noise_mm,
-        darkening_grey_levels=circle.darkening_grey_levels,
-        asymmetry=circle.asymmetry,
-        overexposed_fraction=float((to_grey_float(reference) >= OVEREXPOSED).mean()),
-    )
+    return warnings + little_gain_warnings(make_second_ball_quality(fits.twin))
 
 
 def repeat_calibration(

@@ -4,7 +4,7 @@ of its thickness and of a load. In: what is known of a sensor (`KnownPress`), fr
 The image of every candidate is predicted by the model of the calibration (`simulation.calibration_press_models`), and the
 information of the images adds up (Gauss–Markov), as in the joint fit: gel, light and view are shared, pose and level belong to each
 press. An image counts as many independent observations as that of the calibration does. The error of the model, which one image
-cannot reduce, shrinks as in the fit (`twin.fit_uncertainty.model_error_share`).
+cannot reduce, shrinks as in the fit (`twin.fit_parameters.model_error_share`).
 """
 
 from collections.abc import Iterator
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
+from ninedtact.calibration.fit_tables import fitted_ball_press
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import (
     MODULUS_RATIO_MODEL_STD,
@@ -26,9 +27,10 @@ from ninedtact.calibration.twin.fit_parameters import (
     NEARLY_RIGID,
     PARAMETER_NAMES,
     POSE_COUNT,
+    information_of_parameter,
     perturb_parameter,
+    share_left_of_model_error,
 )
-from ninedtact.calibration.twin.fit_uncertainty import information_of_parameter, share_left_of_model_error
 from ninedtact.calibration.twin.observed_presses import REACH_MM
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter, LyingCylinder
@@ -119,11 +121,10 @@ class PressPlan:
 def known_press_of_sensor(folder: SensorFolder) -> KnownPress:
     """Return the press of the ball of a calibrated sensor; raises `CalibrationError` for one without a twin."""
     table = folder.require_twin()
-    values = {name: parameter.value for name, parameter in table.fit.parameters.items()}
     board = table.board_press
     return KnownPress(
         folder.record.design,
-        BallPressParameters(**{name: values[name] for name in PARAMETER_NAMES}),
+        fitted_ball_press(table),
         table.light,
         table.fit.effective_observations,
         table.fit.image_rmse_grey_levels,

@@ -110,7 +110,6 @@ def make_pin_map_table(pin_map: RadialBasisProjection) -> PinMapTable:
 
 
 def _to_pairs(points: Points) -> list[tuple[float, float]]:
-    """Return points as pairs of numbers."""
     return [(x, y) for x, y in points.tolist()]
 
 

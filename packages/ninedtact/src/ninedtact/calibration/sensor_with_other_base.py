@@ -4,7 +4,7 @@ A base that yields more moves depth, thickness and light of the fit with it, so 
 viewing distance come from the board and stay as they are.
 """
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import msgspec
 from threadpoolctl import threadpool_limits
@@ -12,12 +12,11 @@ from threadpoolctl import threadpool_limits
 from ninedtact.calibration.ball.ball_fit import fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import find_ball_press
 from ninedtact.calibration.brightness_change import estimate_camera_noise, flat_fielded_brightness_change
-from ninedtact.calibration.procedure import make_ball_quality, make_depth_table
+from ninedtact.calibration.fit_tables import fitted_ball_press, make_ball_quality, make_depth_table, make_twin_table
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import KnownBase
 from ninedtact.calibration.twin.press_search import ParameterPrior
-from ninedtact.calibration.twin.twin_table import make_twin_table
-from ninedtact.simulation.calibration_press_models import BallPressModel, BallPressParameters
+from ninedtact.simulation.calibration_press_models import BallPressModel
 
 
 def sensor_with_other_base(folder: SensorFolder, base: KnownBase) -> SensorFolder:
@@ -28,7 +27,7 @@ def sensor_with_other_base(folder: SensorFolder, base: KnownBase) -> SensorFolde
     record, depth, twin = folder.record, folder.depth, folder.record.twin
     assert twin is not None, "expected a sensor whose calibration fitted the gel, got one without a twin"
     images = folder.stored_image("ball_reference").image, folder.stored_image("ball").image
-    initial = replace(_fitted_press(folder), gel_to_base_modulus_ratio=base.modulus_ratio)
+    initial = replace(fitted_ball_press(twin), gel_to_base_modulus_ratio=base.modulus_ratio)
     with threadpool_limits(1):
         press = find_ball_press(folder.rectification, *images, record.design.ball, "physics")
         ball = fit_ball_by_physics(press, record.design, _viewing_distance(folder), (initial,), base=base)
@@ -46,15 +45,8 @@ def sensor_with_other_base(folder: SensorFolder, base: KnownBase) -> SensorFolde
 
 def load_on_calibration_ball_n(folder: SensorFolder) -> float:
     """Return the load on the ball of the calibration, by the mechanics that explain its image and the modulus of the gel."""
-    contact = BallPressModel(folder.record.design).contact(_fitted_press(folder))
+    contact = BallPressModel(folder.record.design).contact(fitted_ball_press(folder.require_twin()))
     return float(-contact.wrench().force_n[2]) * folder.gel.shear_modulus_mpa
-
-
-def _fitted_press(folder: SensorFolder) -> BallPressParameters:
-    """Return the press of the ball as it was fitted."""
-    assert folder.record.twin is not None
-    found = folder.record.twin.fit.parameters
-    return BallPressParameters(**{field.name: found[field.name].value for field in fields(BallPressParameters)})
 
 
 def _viewing_distance(folder: SensorFolder) -> tuple[ParameterPrior, ...]:

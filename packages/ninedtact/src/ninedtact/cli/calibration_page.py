@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import PageSensor, require_page_libraries, serve_sensor_page
-from ninedtact.cli.shared_options import PageHostOption, PageOriginOption, PagePortOption, camera_settings
+from ninedtact.cli.shared_options import PageAddressOption, PageAddressOptions, camera_settings
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.source_addresses import SIMULATED, is_twin_address, source_in_real_time
@@ -43,9 +43,7 @@ class CalibrationPageOptions:
     page: bool = False
     """Guide through the presses on a page in the browser, which a phone beside the sensor can open too (--host 0.0.0.0). The
     camera is chosen there; --source chooses the first one, and sim is a simulated sensor, which is pressed on the page."""
-    host: PageHostOption = "127.0.0.1"
-    port: PagePortOption = None
-    allow_origin: PageOriginOption = ()
+    address: PageAddressOption = PageAddressOptions()
 
 
 @dataclass
@@ -60,10 +58,7 @@ class GuidedPages:
 
     def __post_init__(self) -> None:
         require_page_libraries()
-        from ninedtact.live.socket_guard import SocketGuard
-
-        self.guard = SocketGuard.for_host(self.options.host, self.options.allow_origin)
-        self.port = self.options.port
+        self.guard, self.port = self.options.address.new_guard(), self.options.address.port
 
     def calibrate_shape(
         self,

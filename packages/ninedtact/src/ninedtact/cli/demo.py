@@ -18,9 +18,8 @@ from ninedtact.cli.shared_options import (
     DesignFileOption,
     DisplayRateOption,
     ForceOption,
-    PageHostOption,
-    PageOriginOption,
-    PagePortOption,
+    PageAddressOption,
+    PageAddressOptions,
     read_design_or_default,
     refuse_design_beside_sensor,
 )
@@ -51,11 +50,9 @@ class Demo:
     rounds: int | None = None
     """Number of rounds of the press sequence; without it, the demo runs until Ctrl-C at a terminal."""
     display_hz: DisplayRateOption = 30.0
-    host: PageHostOption = "127.0.0.1"
-    port: PagePortOption = None
+    address: PageAddressOption = PageAddressOptions()
     browser: bool = True
     """Open the page in the browser, where there is a terminal and a screen."""
-    allow_origin: PageOriginOption = ()
 
     def run(self) -> int:
         """Calibrate the twin, then show it."""
@@ -65,9 +62,7 @@ class Demo:
         refuse_design_beside_sensor(self.sensor, self.design_file)
         require_display_rate(self.display_hz)
         require_page_libraries()
-        from ninedtact.live.socket_guard import SocketGuard
-
-        guard = SocketGuard.for_host(self.host, self.allow_origin)
+        guard = self.address.new_guard()
         self.out.mkdir(parents=True, exist_ok=True)
         folder = self.folder
         sources = demo_sources(self.twin, self.resolved_rounds)
@@ -76,7 +71,12 @@ class Demo:
             print("without a terminal the demo ends after one round; --rounds gives more", flush=True)
         with suppress(KeyboardInterrupt):
             serve_sensor_page(
-                [PageSensor(folder, live)], guard, self.port, self.out, self.display_hz, opens_browser=self.browser
+                [PageSensor(folder, live)],
+                guard,
+                self.address.port,
+                self.out,
+                self.display_hz,
+                opens_browser=self.browser,
             )
         print(f"stopped after {live.sensor.frames_read} images; the sensor is in {folder.path}")
         return 0

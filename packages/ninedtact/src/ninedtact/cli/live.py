@@ -23,9 +23,8 @@ from ninedtact.cli.shared_options import (
     LoopOption,
     NamedSensorsOption,
     NamedSourcesOption,
-    PageHostOption,
-    PageOriginOption,
-    PagePortOption,
+    PageAddressOption,
+    PageAddressOptions,
     ReferenceOrFirstOption,
     camera_settings,
     parse_named_sources,
@@ -61,17 +60,13 @@ class Live:
     automatic: AutomaticOption = False
     loop: LoopOption = False
     display_hz: DisplayRateOption = 30.0
-    host: PageHostOption = "127.0.0.1"
-    port: PagePortOption = None
-    allow_origin: PageOriginOption = ()
+    address: PageAddressOption = PageAddressOptions()
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
         require_page_libraries()
         require_display_rate(self.display_hz)
-        from ninedtact.live.socket_guard import SocketGuard
-
-        guard = SocketGuard.for_host(self.host, self.allow_origin)
+        guard = self.address.new_guard()
         named = self.named_sources()
         with ExitStack() as opened:
             parts = []
@@ -91,7 +86,7 @@ class Live:
                 parts.append(PageSensor(folder, live, name))
             ends = all(address == SIMULATED for address, _ in named.values())
             with suppress(KeyboardInterrupt):
-                serve_sensor_page(parts, guard, self.port, self.out, self.display_hz, ends)
+                serve_sensor_page(parts, guard, self.address.port, self.out, self.display_hz, ends)
         counts = [f"{part.live.sensor.frames_read} images" + f" of {part.name}" * bool(part.name) for part in parts]
         print(f"stopped after {', '.join(counts)}")
         return 0
@@ -124,9 +119,7 @@ class Play:
     """Folder for what is exported from the page."""
     display_hz: float = 30.0
     """Largest number of images shown per second."""
-    host: PageHostOption = "127.0.0.1"
-    port: PagePortOption = None
-    allow_origin: PageOriginOption = ()
+    address: PageAddressOption = PageAddressOptions()
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
@@ -153,7 +146,6 @@ class Play:
     def serve(self, folders: "dict[str, SensorFolder]") -> None:
         """Serve the recording of these sensors; raises what reading it raises, before anything is served."""
         from ninedtact.live.sensor_poller import SensorPoller
-        from ninedtact.live.socket_guard import SocketGuard
         from ninedtact.recording.recorded_source import RecordedFrameSource
         from ninedtact.sensor import Sensor
         from ninedtact.studio.page_controller import DisplayedSensor, PageController
@@ -165,8 +157,8 @@ class Play:
 
         columns = {address: empty_wrench_histories(Path(address), one.shape) for address, one in folders.items()}
         folder, shapes = next(iter(folders.values())), {address: one.shape for address, one in folders.items()}
-        guard = SocketGuard.for_host(self.host, self.allow_origin)
-        with page_server(guard, self.port) as server:
+        guard = self.address.new_guard()
+        with page_server(guard, self.address.port) as server:
             # These sensors are never opened: every viewer is shown a moment of the recording in their place.
             sensors = [
                 DisplayedSensor(

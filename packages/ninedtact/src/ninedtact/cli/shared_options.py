@@ -5,6 +5,7 @@ packages that give a choice its meaning are loaded when a command runs.
 """
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,6 +16,7 @@ from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.capture.frame_source import CameraSettings
+    from ninedtact.live.socket_guard import SocketGuard
 
 
 _SOURCE = (
@@ -71,23 +73,6 @@ DisplayRateOption = Annotated[
     float, arg(help="Largest number of readings shown per second; the sensor is read at its own rate.")
 ]
 _ON_NETWORK = "of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them)."
-PageHostOption = Annotated[
-    str,
-    arg(
-        help=f"Address of the page: {_ON_NETWORK} Then only who has the printed address, which contains a random token, can see "
-        "the page and press its buttons."
-    ),
-]
-PagePortOption = Annotated[
-    int | None, arg(help="Port of the page; without it 8080, or the next free one. 0 takes any free port.")
-]
-PageOriginOption = Annotated[
-    UseAppendAction[tuple[str, ...]],
-    arg(
-        metavar="URL",
-        help="Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it.",
-    ),
-]
 ServerHostOption = Annotated[
     str, arg(help=f"Address to listen on: {_ON_NETWORK} Then clients need the random token that is printed.")
 ]
@@ -103,6 +88,32 @@ ClusterOption = Annotated[
 JsonOption = Annotated[bool, arg(help="Print the result as one JSON object.")]
 DesignFileOption = Annotated[Path | None, arg(name="design")]
 """`--design sensor.toml`: what differs from the published sensor. Its help is that of the field, which says what it is for."""
+
+
+@dataclass(frozen=True)
+class PageAddressOptions:
+    """Where a page is served, and who may use it."""
+
+    host: Annotated[
+        str,
+        arg(
+            help=f"Address of the page: {_ON_NETWORK} Then only who has the printed address, which contains a random token, can "
+            "see the page and press its buttons."
+        ),
+    ] = "127.0.0.1"
+    port: int | None = None
+    """Port of the page; without it 8080, or the next free one. 0 takes any free port."""
+    allow_origin: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="URL")] = ()
+    """Website (http://NAME:PORT) that may use the page besides the page itself: the address of a proxy or tunnel to it."""
+
+    def new_guard(self) -> "SocketGuard":
+        """Return the guard of the page's server; raises `InputError`."""
+        from ninedtact.live.socket_guard import SocketGuard
+
+        return SocketGuard.for_host(self.host, self.allow_origin)
+
+
+PageAddressOption = Annotated[PageAddressOptions, arg(name="")]
 
 
 def require_duration(seconds: float | None) -> None:

@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ninedtact.calibration.drift.reference_check import load_reference_image_checker
+from ninedtact.calibration.drift.reference_check import load_reference_image_checker, reference_image_error
 from ninedtact.calibration.free_pressing.pressing import (
     ForceTorqueSamples,
     FreePressing,
@@ -70,11 +70,8 @@ class RecordedPressing(FreePressing):
         depth_reader = first or references.depth_reader_at(frame.stamp_ns)
         assert depth_reader is not None
         if depth_reader.reference_faults:
-            raise InputError(
-                expected=f"the reference images of {self.name} to show sensor {sensor.id} without contact",
-                got="images with a fault",
-                remedy=depth_reader.reference_faults[0],
-            )
+            images = f"the reference images of {self.name}"
+            raise reference_image_error(images, sensor.id, depth_reader.reference_faults[0])
         return read_frame(frame, sensor.shape, depth_reader)
 
     def close(self) -> None:

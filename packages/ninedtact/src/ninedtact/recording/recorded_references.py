@@ -6,7 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
-from ninedtact.calibration.drift.reference_check import ReferenceImageChecker, describe_new_contact
+from ninedtact.calibration.drift.reference_check import (
+    ReferenceImageChecker,
+    describe_new_contact,
+    reference_image_error,
+)
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, HeightSource, Rectified
@@ -97,8 +101,5 @@ def _require_no_contact(
         if contact is None:
             return mean
         fault = f"something touches the gel: {contact}"
-    raise InputError(
-        expected=f"the {len(frames)} images of {where} to show the skin without contact",
-        got=f"a fault; {fault}",
-        remedy="name a moment at which nothing touches",
-    )
+    images, advice = f"the {len(frames)} images of {where}", "name a moment at which nothing touches"
+    raise reference_image_error(images, check.sensor, f"{fault}; {advice}")

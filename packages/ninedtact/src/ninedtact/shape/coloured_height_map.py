@@ -136,7 +136,6 @@ def add_colour_bar(figure: "Figure", scale: ColourScale, x_px: int, height_px: i
 
 
 def _matplotlib_colour_map(scale: ColourScale) -> "Colormap":
-    """Return the colours of a scale as a matplotlib colour map."""
     from matplotlib.colors import ListedColormap
 
     z_mm = np.linspace(-scale.pressed_mm, scale.bulged_mm, 2048)

@@ -139,7 +139,6 @@ class LensModel:
         return np.concatenate([by_plane @ by_homography, np.eye(2) - by_plane, rest], axis=2) * self.unit_px
 
     def _distortion_jacobian(self, plane: Points) -> Float[Array, "n 2 2"]:
-        """Return the Jacobian of `distort`."""
         offset = plane - self.centre
         squared = offset[:, 0] ** 2 + offset[:, 1] ** 2
         growth = 1 + squared * _polynomial(self.radial, squared)

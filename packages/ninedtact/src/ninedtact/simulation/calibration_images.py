@@ -32,13 +32,10 @@ class CalibrationPressSettings:
     exposure_drift: float = 0.0
     """Relative exposure of the pressed images over that of their reference images, less one."""
 
-    def scaled(self, factor: float) -> "CalibrationPressSettings":
-        """Return presses whose depths are multiplied by a factor."""
-        return replace(self, board_depth_mm=self.board_depth_mm * factor, ball_depth_mm=self.ball_depth_mm * factor)
-
     def for_gel(self, gel: Gel) -> "CalibrationPressSettings":
         """Return the presses for a gel; one that is thinner than the published gel is pressed proportionally less deep."""
-        return self.scaled(min(1.0, gel.thickness_mm / SensorDesign().gel.thickness_mm))
+        factor = min(1.0, gel.thickness_mm / SensorDesign().gel.thickness_mm)
+        return replace(self, board_depth_mm=self.board_depth_mm * factor, ball_depth_mm=self.ball_depth_mm * factor)
 
 
 DEFAULT_PRESSES = CalibrationPressSettings()

@@ -212,7 +212,6 @@ def _set_title(axes: "Axes", title: str) -> None:
 
 
 def _add_colour_bar(axes: "Axes", shown: Any, unit: str) -> None:
-    """Add the colour bar of an image."""
     figure = axes.get_figure()
     assert figure is not None
     bar = figure.colorbar(shown, ax=axes, shrink=0.8, pad=0.02, label=unit)
@@ -220,7 +219,6 @@ def _add_colour_bar(axes: "Axes", shown: Any, unit: str) -> None:
 
 
 def _format_direction(along: tuple[float, float]) -> str:
-    """Return a direction as text."""
     named = {(1.0, 0.0): "x", (0.0, 1.0): "y"}
     return named.get(along, f"({along[0]:.2f}, {along[1]:.2f})")
 

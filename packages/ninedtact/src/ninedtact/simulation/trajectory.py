@@ -51,12 +51,6 @@ class Trajectory:
         """The end time of each segment."""
         return list(accumulate(segment.seconds for segment in self.segments))
 
-    @property
-    def lift_start_s(self) -> float:
-        """The time at which the final lift begins: the end of the last segment that ends in the skin; zero for none."""
-        pressed = [end for end, segment in zip(self.ends_s, self.segments, strict=True) if segment.to.depth_mm > 0]
-        return pressed[-1] if pressed else 0.0
-
     def pose_at(self, at_s: float) -> Pose:
         """Return the pose at a time; before the start and after the end the object rests."""
         if at_s <= 0 or not self.segments:

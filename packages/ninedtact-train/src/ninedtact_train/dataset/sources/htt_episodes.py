@@ -16,9 +16,9 @@ from numpy import ndarray as Array
 
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.errors import FileFormatError
-from ninedtact_train.dataset.fault_report import PairFault
+from ninedtact_train.dataset.fault_report import PairFault, PairFinding
 from ninedtact_train.dataset.parquet_files import encode_png
-from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, SourceItem
 from ninedtact_train.dataset.sources.source import Source, find_files_with_suffix
 
 EPISODE_SUFFIX = ".npz"
@@ -112,7 +112,7 @@ class TactileTransformerSource(Source):
         try:
             episode = _read_episode(part)
         except FileFormatError as error:
-            yield RejectedItem(PairFault.UNREADABLE, name, str(error))
+            yield PairFinding(PairFault.UNREADABLE, name, str(error))
             return
         yield ReferenceImage(name, encode_png(episode.reference), sensor)
         probe = episode.probe or name.removeprefix(f"{self.name}/").rpartition("/")[0] or part.stem

@@ -25,9 +25,9 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError, InputError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels
 from ninedtact_train.collecting.training_pair_rule import wrench_limits
-from ninedtact_train.dataset.fault_report import PairFault
+from ninedtact_train.dataset.fault_report import PairFault, PairFinding
 from ninedtact_train.dataset.parquet_files import encode_png
-from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, SourceItem
 from ninedtact_train.dataset.sources.source import Source
 
 _IMAGE, _MIXED, _WRENCH = "image", "mixed_image", "wrench"
@@ -159,27 +159,27 @@ class OriginalDatasetSource(Source):
                     known.add(item.reference_id)
                 yield item
 
-    def _reject_stray(self, name: str) -> Iterator[RejectedItem]:
+    def _reject_stray(self, name: str) -> Iterator[PairFinding]:
         message = f"{name} is neither <object>/<n>.png nor <object>/<n>.npy"
-        yield RejectedItem(PairFault.UNREADABLE, f"{self.name}/{name}", message)
+        yield PairFinding(PairFault.UNREADABLE, f"{self.name}/{name}", message)
 
     def _read_pair(self, pair: _PairFiles, given: ReferenceImage | None) -> Iterator[SourceItem]:
         """Yield the reference image and the row, or why there is no row; given: a reference image that a person named."""
         name, folder, stem = f"{self.name}/{pair.object}/{pair.stem}", pair.object, pair.stem
         if pair.wrench is None:
             message = f"expected wrench/{folder}/{stem}.npy, got none{' (only its _norm.npy)' if pair.norm else ''}"
-            yield RejectedItem(PairFault.MISSING_WRENCH, name, message)
+            yield PairFinding(PairFault.MISSING_WRENCH, name, message)
             return
         if pair.image is None and pair.mixed is None:
             message = f"expected {stem}.png in image/{folder} or mixed_image/{folder}, got none"
-            yield RejectedItem(PairFault.MISSING_IMAGE, name, message)
+            yield PairFinding(PairFault.MISSING_IMAGE, name, message)
             return
         faults: _Faults = []
         try:
             measured = pair.read_wrench(faults)
             grey, reference_grey = pair.read_images(faults)
         except NinedtactError as error:
-            yield RejectedItem(PairFault.UNREADABLE, name, str(error))
+            yield PairFinding(PairFault.UNREADABLE, name, str(error))
             return
         reference = given if reference_grey is None else self._make_reference(reference_grey)
         if reference:

@@ -24,7 +24,7 @@ from ninedtact.quantities import NO_OBJECT, Frame
 from ninedtact.shape.calibrated_shape import mean_rectified_image
 from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact_train.collecting.collected_pairs import RecordedPair, TareReferenceImages, read_recorded_pairs
-from ninedtact_train.dataset.fault_report import PairFault
+from ninedtact_train.dataset.fault_report import PairFault, PairFinding
 from ninedtact_train.dataset.folder import (
     REFERENCES_FILE,
     SENSOR_FOLDERS,
@@ -41,7 +41,7 @@ from ninedtact_train.dataset.parquet_files import (
     iterate_rows,
     stored_image_bytes,
 )
-from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, RejectedItem, SourceItem
+from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, SourceItem
 from ninedtact_train.dataset.sources.source import Source, find_files_with_suffix
 
 RECORDING_SUFFIX = ".mcap"
@@ -71,9 +71,9 @@ class RecordingsSource(Source):
         try:
             yield from self._pairs(part)
         except SourceIncomplete as error:
-            yield RejectedItem(PairFault.MISSING_END, self.name_of(part), str(error))
+            yield PairFinding(PairFault.MISSING_END, self.name_of(part), str(error))
         except NinedtactError as error:
-            yield RejectedItem(PairFault.UNREADABLE, self.name_of(part), str(error))
+            yield PairFinding(PairFault.UNREADABLE, self.name_of(part), str(error))
 
     def _pairs(self, file: Path) -> Iterator[SourceItem]:
         rectify = self._load_rectification(file)
@@ -167,7 +167,7 @@ class ExistingDatasetSource(Source):
                 yield ReferenceImage(name, stored_image_bytes(row["image"]) or b"", row["sensor"] or "")
         yield from map(self._read_row, iterate_rows(part))
 
-    def _read_row(self, row: dict[str, Any]) -> DatasetRow | RejectedItem:
+    def _read_row(self, row: dict[str, Any]) -> DatasetRow | PairFinding:
         row_id, content, reference_id = (
             self._make_unique(row["id"]),
             stored_image_bytes(row["image"]),
@@ -177,7 +177,7 @@ class ExistingDatasetSource(Source):
             decode_stored_image(content)
         except StoredImageUnreadable as error:
             fault = PairFault.UNREADABLE if content else PairFault.MISSING_IMAGE
-            return RejectedItem(fault, row_id, f"image: {error}")
+            return PairFinding(fault, row_id, f"image: {error}")
         return DatasetRow(
             id=row_id,
             image=content or b"",

@@ -31,7 +31,7 @@ from ninedtact.calibration.ball.contact_circle import (
     spherical_cap_height_mm,
 )
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
-from ninedtact.calibration.twin.ball_press_fit import FurtherPress, KnownBase, TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.ball_press_fit import KnownBase, TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.press_search import ParameterPrior
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import BaseDeflection
@@ -59,7 +59,7 @@ def fit_ball(
     design: SensorDesign,
     method: DepthMethod = "physics",
     smoothing: Smoothing = Smoothing(),
-    further: tuple[FurtherPress, ...] = (),
+    further: tuple[BallPress, ...] = (),
 ) -> BallFit:
     """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `CalibrationError`, `FileFormatError`.
 
@@ -79,7 +79,7 @@ def fit_ball_by_physics(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: tuple[BallPressParameters, ...] = (),
-    further: tuple[FurtherPress, ...] = (),
+    further: tuple[BallPress, ...] = (),
     base: KnownBase | None = None,
 ) -> "TwinBallFit":
     """Fit contact mechanics and light to a press, with priors, initial parameters, further presses and base as for
@@ -90,7 +90,7 @@ def fit_ball_by_physics(
     twin_fit = fit_twin_to_ball_press(press, design, priors, initial, further, base)
     require_explained_by_ball(twin_fit.image_rmse_grey_levels, press.circle)
     for one, fit in zip(further, twin_fit.further, strict=True):
-        require_explained_by_second_ball(fit.residual_rms_grey_levels, one.press.circle, fit.ball)
+        require_explained_by_second_ball(fit.residual_rms_grey_levels, one.circle, one.ball)
     return TwinBallFit(press.about(twin_fit.centre_px), FINE_SMOOTHING, twin_fit)
 
 
@@ -119,7 +119,7 @@ class ContactDiscFit(BallFit):
     @cached_property
     def height_mm(self) -> Float[Array, "rows cols"]:
         """Height of the ball's surface on every pixel's line of sight, zero outside the disc."""
-        return -_rigid_ball_depth_mm(self.press, self.design)
+        return -self.press.rigid_ball_depth_mm(self.design.camera.distance_mm)
 
     @cached_property
     def disc(self) -> Bool[Array, "rows cols"]:
@@ -150,11 +150,6 @@ class ContactDiscFit(BallFit):
         return replace(curve, error_mm=tuple(np.hypot(curve.error_mm, self.cross_validation_mae_mm).tolist()))
 
 
-def _rigid_ball_depth_mm(press: BallPress, design: SensorDesign) -> Float[Array, "rows cols"]:
-    """Return the depth of the design's ball on every pixel's line of sight, zero outside the contact circle."""
-    return press.rigid_ball_depth_mm(design.ball.radius_mm, design.camera.distance_mm)
-
-
 def _refine_centre(press: BallPress, design: SensorDesign) -> BallPress:
     """Return the press with its centre moved to where brightness is most nearly a function of depth alone.
 
@@ -163,7 +158,7 @@ def _refine_centre(press: BallPress, design: SensorDesign) -> BallPress:
     brightness = smooth_gaussian(relative_brightness(press.after, press.before), _CENTRING_SMOOTHING_PX)
 
     def scatter(centre_px: Float[Array, "2"]) -> float:
-        depth_mm = _rigid_ball_depth_mm(press.about(centre_px), design)
+        depth_mm = press.about(centre_px).rigid_ball_depth_mm(design.camera.distance_mm)
         inside = depth_mm > 0
         powers = np.vander(depth_mm[inside], _CENTRING_TERMS)
         fitted = powers @ np.linalg.lstsq(powers, brightness[inside], rcond=None)[0]

@@ -16,6 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.contact_circle import (
     MAX_RADIUS_BY_PHYSICS,
+    BallPressUnusable,
     ContactCircle,
     find_contact_circle,
     require_disc_above_black,
@@ -26,7 +27,8 @@ from ninedtact.calibration.brightness_change import (
     require_same_image_size,
     require_usable_exposure,
 )
-from ninedtact.design import BallGauge
+from ninedtact.design import BallGauge, SensorDesign
+from ninedtact.errors import InputError
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader
@@ -37,11 +39,12 @@ from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 
 @dataclass(frozen=True)
 class BallPress:
-    """The reference image, the image of the press, and the contact circle found in them."""
+    """The reference image, the image of the press, the contact circle found in them, and the ball."""
 
     before: Rectified
     after: Rectified
     circle: ContactCircle
+    ball: BallGauge
 
     def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
         """Return the same press with the centre of the contact at another pixel."""
@@ -66,7 +69,7 @@ class BallPress:
         before, after = self.before.grey[where], self.after.grey[where] / np.float32(1 + loss)
         return before - after if signal == "difference" else 1 - after / np.maximum(before, 1)
 
-    def rigid_ball_depth_mm(self, ball_radius_mm: float, camera_distance_mm: float) -> Float[Array, "rows cols"]:
+    def rigid_ball_depth_mm(self, camera_distance_mm: float) -> Float[Array, "rows cols"]:
         """Return the depth at which every pixel's line of sight meets the ball, zero where it misses the disc.
 
         The camera stands `camera_distance_mm` below the centre of the skin. The line through a point of the undeformed plane is
@@ -74,10 +77,11 @@ class BallPress:
         model and in the distance; docs/accuracy.md gives what remains.)
         """
         camera = np.array([0.0, 0.0, -camera_distance_mm])
-        ball = np.array([*self.centre_mm, np.sqrt(ball_radius_mm**2 - self.edge_radius_mm**2)])
+        radius_mm = self.ball.radius_mm
+        ball = np.array([*self.centre_mm, np.sqrt(radius_mm**2 - self.edge_radius_mm**2)])
         x, y = skin_grid_mm(self.before.grey.shape, self.before.mm_per_px)
         sight = np.stack([x, y, np.full_like(x, camera_distance_mm)], axis=-1).astype(float)
-        ray_fraction = intersect_rays_with_sphere(camera - ball, sight, ball_radius_mm)
+        ray_fraction = intersect_rays_with_sphere(camera - ball, sight, radius_mm)
         return np.maximum(camera_distance_mm * (1 - ray_fraction), 0)
 
     def halves(self) -> list[Bool[Array, "rows cols"]]:
@@ -108,7 +112,31 @@ def find_ball_press(
     require_usable_exposure("ball reference", reference)
     require_usable_exposure("ball image", press)
     before, after = rectify(Frame(reference)), rectify(Frame(press))
-    return BallPress(before, after, find_usable_contact_circle(before, after, ball, method))
+    return BallPress(before, after, find_usable_contact_circle(before, after, ball, method), ball)
+
+
+def find_second_press(
+    rectify: Rectification, pair: tuple[BgrImage, BgrImage] | None, design: SensorDesign, method: DepthMethod
+) -> tuple[BallPress, ...]:
+    """Return the press of the second ball, which is fitted together with the first; none where there are no images of it.
+
+    pair: the raw images of the skin before it and under it. Raises `BallPressUnusable`, whose message names the second ball, and
+    `InputError` for another method than `physics`.
+    """
+    if pair is None:
+        return ()
+    if method != "physics":
+        raise InputError(
+            expected="the method physics for a second ball, which is fitted together with the first",
+            got=f"the method {method}",
+            remedy="leave out the second ball, or choose physics",
+        )
+    try:
+        return (find_ball_press(rectify, *pair, design.ball.second, method),)
+    except BallPressUnusable as refusal:
+        raise BallPressUnusable(
+            expected=f"of the second ball {refusal.expected}", got=refusal.got, remedy=refusal.remedy
+        ) from refusal
 
 
 def find_usable_contact_circle(

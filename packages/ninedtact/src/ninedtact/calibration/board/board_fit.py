@@ -65,8 +65,6 @@ from ninedtact.shape.lens_and_rectification import (
     rectification_of_projection,
 )
 
-"""The lens model, or the paper's map through the pins."""
-
 _REFINEMENT_ITERATIONS = 4
 _PITCH_PER_PIN = PinBoard().pitch_mm / PinBoard().pin_diameter_mm
 """Largest pitch, in diameters of a pin, by which an imprint is measured."""

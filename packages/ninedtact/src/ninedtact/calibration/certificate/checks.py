@@ -26,11 +26,11 @@ Use = Literal["shape", "force", "twin"]
 """What a calibration is used for."""
 USES: tuple[Use, ...] = ("shape", "force", "twin")
 CheckLevel = Literal["pass", "warn", "fail"]
-CHECK_LEVELS: tuple[CheckLevel, ...] = ("pass", "warn", "fail")
 """The levels of a check, from best to worst."""
 OverallLevel = Literal["pass", "warn", "poor", "fail"]
-OVERALL_LEVELS: tuple[OverallLevel, ...] = ("pass", "warn", "poor", "fail")
 """The levels of a certificate, from best to worst."""
+_LITTLE_GAIN = 0.8
+"""Share of the error of the depth that is left, above which a second press adds little."""
 _MANY_WARNED_CHECKS = 4
 """Number of checks that warn from which the whole calibration is poor: a single press explains up to three of them."""
 
@@ -265,6 +265,17 @@ def press_through_gel_warnings(depth_mm: float, gel: Gel) -> list[str]:
     return [
         f"the ball was pressed {depth_mm:.2f} mm deep into a gel of {gel.thickness_mm:.2f} mm, which is impossible: check the "
         "gel's thickness in the design and the radius of the ball"
+    ]
+
+
+def little_gain_warnings(second: SecondBallQuality | None) -> list[str]:
+    """Return a warning where the second press tells hardly more than the first."""
+    if second is None or second.first_std_mm <= _LITTLE_GAIN * second.first_std_alone_mm:
+        return []
+    return [
+        f"the second ball (radius {second.ball_radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep) adds little: "
+        f"the depth of the first is known to {second.first_std_mm:.2g} mm with it and to {second.first_std_alone_mm:.2g} mm "
+        "without; press a ball of another radius (ninedtact calibrate --plan says which)"
     ]
 
 

@@ -69,18 +69,14 @@ def render_certificate_html(calibration: Calibration) -> str:
         uses_in_words=uses_in_words,
         warnings=record.certificate.warnings,
         images={name: b64encode(content).decode() for name, content in _plot_certificate_images(calibration).items()},
-        board_rows=_without_meaning([*_board_table_rows(record.certificate.board), *_view_table_rows(record)]),
-        ball_rows=_without_meaning(
-            [*_ball_table_rows(record.certificate.ball), *_second_ball_table_rows(record.certificate.second_ball)]
-        ),
+        board_rows=[*_board_table_rows(record.certificate.board), *_view_table_rows(record)],
+        ball_rows=[
+            *_ball_table_rows(record.certificate.ball),
+            *_second_ball_table_rows(record.certificate.second_ball),
+        ],
         twin_rows=_twin_table_rows(record.twin) if record.twin else [],
-        design_rows=_without_meaning(_design_table_rows(record.design)),
+        design_rows=_design_table_rows(record.design),
     )
-
-
-def _without_meaning(rows: Rows) -> list[tuple[str, str, str]]:
-    """Return rows whose names say enough, with an empty sentence each."""
-    return [(name, value, "") for name, value in rows]
 
 
 def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:

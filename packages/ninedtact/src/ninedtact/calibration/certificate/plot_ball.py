@@ -63,7 +63,6 @@ def plot_contact_disc(calibration: Calibration) -> bytes:
 
 
 def _plot_contact_circle(axes: "Axes", press: BallPress, colour: str) -> None:
-    """Draw the contact circle."""
     from matplotlib.patches import Circle
 
     axes.add_patch(Circle(press.centre_mm, press.edge_radius_mm, fill=False, edgecolor=colour, linewidth=1.4))

@@ -5,11 +5,8 @@ board and before the ball, give none.
 
 import numpy as np
 
-from ninedtact.calibration.brightness_change import (
-    MAX_UNEVENNESS,
-)
+from ninedtact.calibration.brightness_change import MAX_UNEVENNESS
 from ninedtact.calibration.drift.reference_check import (
-    DriftDiagnosis,
     DriftFinding,
     DriftMeasurement,
     change_in_words,
@@ -111,6 +108,3 @@ def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
         f"the colour of the light has changed ({parts}); fix the camera's white balance, and check the LEDs",
         None,
     )
-
-
-_DISQUALIFYING: frozenset[DriftDiagnosis] = frozenset(("something touches the gel", "another sensor's gel"))

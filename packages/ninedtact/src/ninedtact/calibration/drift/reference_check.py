@@ -311,11 +311,7 @@ class ReferenceImageChecker:
     def require_faultless(self, frames: Sequence[Frame]) -> None:
         """Raise `InputError` for frames with a fault, and what `find_faults` raises."""
         for fault in self.find_faults(frames):
-            raise InputError(
-                expected=f"a reference image of sensor {self.sensor} without contact",
-                got="one with a fault",
-                remedy=f"{fault}",
-            )
+            raise reference_image_error("the reference images", self.sensor, fault)
 
     def read_images(self, paths: Sequence[Path]) -> list[Frame]:
         """Read the reference images of a session from files; raises `InputError` and what reading an image raises."""
@@ -323,6 +319,14 @@ class ReferenceImageChecker:
         if frames:
             self.require_faultless(frames)
         return frames
+
+
+def reference_image_error(images: str, sensor: str, fault: str) -> InputError:
+    """Return the error of images that cannot be the reference images of a sensor.
+
+    images: how they are named to a person. sensor: its name. fault: as `ReferenceImageChecker.find_faults` says it.
+    """
+    return InputError(expected=f"{images} to show sensor {sensor} without contact", got="a fault", remedy=fault)
 
 
 def describe_new_contact(before: Rectified, now: Rectified, seen: Bool[Array, "rows cols"]) -> str | None:

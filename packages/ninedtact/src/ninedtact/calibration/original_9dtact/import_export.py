@@ -195,7 +195,6 @@ def _require_skin_in_view(source: Path, calibration: OriginalCalibration, design
 def _make_imported_record(
     calibration: OriginalCalibration, design: SensorDesign, sensor_id: str, digest: str
 ) -> SensorTomlRecord:
-    """Return the record of an imported sensor."""
     area, (rows, cols) = _calibrated_area_mm(calibration, design), calibration.row_index.shape
     rectify = Rectification(calibration.source_px(design.field_of_view), calibration.mm_per_px, (rows, cols), area)
     curve = _curve_from_depth_list(calibration.pixel_to_depth_mm)

@@ -1,6 +1,6 @@
 """The fit of the digital twin to presses of balls: the pose of every press, the thickness of the gel and its base, and the
 brightness model that explain the whole images, with their uncertainties. In: a `BallPress` of the design's ball, and any number of
-`FurtherPress` of other balls on the same gel. Out: `TwinFit`, from `fit_twin_to_ball_press`.
+others, which may be of other balls, on the same gel. Out: `TwinFit`, from `fit_twin_to_ball_press`.
 
 The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
 from the residual itself, and the design's gel thickness is added as one more observation. Where the residual is plain noise, that
@@ -22,21 +22,20 @@ from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
     NEARLY_RIGID,
     PARAMETER_NAMES,
-    join_presses,
-    parameter_bounds,
-    split_by_press,
-)
-from ninedtact.calibration.twin.fit_uncertainty import (
     FitUncertainty,
     effective_observation_count,
     estimate_uncertainty,
+    join_presses,
     model_error_share,
+    parameter_bounds,
     parameter_covariance,
+    split_by_press,
 )
 from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, implied_ball_radius
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
-from ninedtact.calibration.twin.press_fit_residuals import BallPressProblem, JointPressProblem
 from ninedtact.calibration.twin.press_search import (
+    BallPressProblem,
+    JointPressProblem,
     ParameterPrior,
     PriorTerms,
     fit_coarsely,
@@ -86,14 +85,6 @@ _OTHER_BASE_TOLERANCE = 1e-2
 """Tolerance of the fit with another base, whose difference is as small as an error of an error may be."""
 _HELD_STD = 1e-3
 """Standard deviation of the prior that holds the base at another value."""
-
-
-@dataclass(frozen=True)
-class FurtherPress:
-    """One more press of a ball on the same gel, which may have another radius than that of the design."""
-
-    press: BallPress
-    ball: BallGauge
 
 
 @dataclass(frozen=True)
@@ -224,7 +215,7 @@ def fit_twin_to_ball_press(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: tuple[BallPressParameters, ...] = (),
-    further: tuple[FurtherPress, ...] = (),
+    further: tuple[BallPress, ...] = (),
     base: KnownBase | None = None,
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball, and to further presses on the same gel together with it.
@@ -233,16 +224,15 @@ def fit_twin_to_ball_press(
     base of the gel, where something else than these images tells it.
     """
     start_s = perf_counter()
-    balls = (design.ball, *(one.ball for one in further))
+    presses = press, *further
     problem = JointPressProblem(
         tuple(
             BallPressProblem(
-                ObservedBallPress(one.before, one.after, one.centre_mm), BallPressModel(replace(design, ball=ball))
+                ObservedBallPress(one.before, one.after, one.centre_mm), BallPressModel(replace(design, ball=one.ball))
             )
-            for one, ball in zip((press, *(one.press for one in further)), balls, strict=True)
+            for one in presses
         )
     )
-    presses = press, *(one.press for one in further)
     start = join_presses(list(initial)) if initial else _search_from_circles(problem, presses, design)
     start, residual = leave_some_gel(problem, start)
     observations = [
@@ -266,15 +256,15 @@ def fit_twin_to_ball_press(
         return estimate_uncertainty(jacobian, residual, sum(observations), model_error)
 
     first, *others = split_by_press(vector)
-    level, slopes, first_rows = coefficients[0], coefficients[len(balls) :], problem.rows[0]
+    level, slopes, first_rows = coefficients[0], coefficients[len(presses) :], problem.rows[0]
     further_fits = (
         FurtherPressFit(
             one,
-            ball,
+            seen.ball,
             float(np.sqrt(np.mean(residual[rows] ** 2))),
             implied_ball_radius(problem, vector, jacobian, stacked, sum(observations), number),
         )
-        for number, (one, ball, rows) in enumerate(zip(others, balls[1:], problem.rows[1:], strict=True), start=1)
+        for number, (one, seen, rows) in enumerate(zip(others, further, problem.rows[1:], strict=True), start=1)
     )
     return TwinFit(
         problem.presses[0],
@@ -400,7 +390,6 @@ def _change_per_modulus_ratio(
 
 
 def _on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:
-    """Return the problem with contacts on the coarse grid."""
     return JointPressProblem(
         tuple(
             BallPressProblem(one.observed, BallPressModel(one.model.design, COARSE_PITCH_MM, COARSE_STEP_MM))

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.twin.fit_uncertainty import parameter_covariance
-from ninedtact.calibration.twin.press_fit_residuals import JointPressProblem
+from ninedtact.calibration.twin.fit_parameters import parameter_covariance
+from ninedtact.calibration.twin.press_search import JointPressProblem
 from ninedtact.design import BallGauge
 from ninedtact.simulation.calibration_press_models import ParameterVector
 

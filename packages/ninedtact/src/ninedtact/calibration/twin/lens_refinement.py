@@ -22,7 +22,7 @@ from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lens_fit import fit_lens, refine_lens, with_radial_term_count
 from ninedtact.calibration.board.pin_imprint_centres import IMPRINT_RADIUS_PITCHES, locate_imprints_mm
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
-from ninedtact.calibration.twin.fit_uncertainty import effective_observation_count, parameter_covariance
+from ninedtact.calibration.twin.fit_parameters import effective_observation_count, parameter_covariance
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.calibration.twin.press_search import ParameterPrior
 from ninedtact.shape.lens_and_rectification import (
