@@ -47,7 +47,7 @@ def check_calls(*, typechecker: Callable[..., Any]) -> Callable[[Any], Any]:
         def call(*args: Any, **kwargs: Any) -> Any:
             nonlocal checked_item
             number = _calls[code] = _calls.get(code, 0) + 1
-            if config.jaxtyping_disable or (number > CHECKED_WITHOUT_GAP and number & (number - 1)):
+            if (number > CHECKED_WITHOUT_GAP and number & (number - 1)) or config.jaxtyping_disable:
                 return item(*args, **kwargs)
             if checked_item is None:
                 checked_item = typechecker(_with_known_types(item))
