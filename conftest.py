@@ -48,6 +48,8 @@ _LONGEST_FILES = (
     "test_board.py",
     "test_calibration_session.py",
     "test_sensor_folder.py",
+    "test_second_ball.py",
+    "test_board_press.py",
     "test_free_pressing.py",
     "test_calibration_page.py",
     "test_force_calibration_page.py",
