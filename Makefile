@@ -51,7 +51,7 @@ test-core: .venv/ready lint
 # runs in an environment of its own, without torch.
 JOURNEYS := $(CORE)/tests/test_journeys.py $(CORE)/tests/test_force_journeys.py $(CORE)/tests/cli
 JOURNEY_INSTALL = VIRTUAL_ENV=$(CURDIR)/.venv-$* .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) -c constraints.txt \
-	-e '$(CORE)[studio,force,recording]' -e packages/ninedtact-train 'filelock>=3.12' 'pytest>=8' 'hypothesis>=6.100' 'trimesh>=4'
+	-e '$(CORE)[studio,force,recording]' -e packages/ninedtact-train 'cloudpickle>=3' 'filelock>=3.12' 'pytest>=8' 'hypothesis>=6.100' 'trimesh>=4'
 RUN_JOURNEYS = JAXTYPING_DISABLE=1 .venv-$*/bin/python -m pytest $(JOURNEYS)
 
 test-lowest: test-with-lowest

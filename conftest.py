@@ -24,6 +24,7 @@ if not os.environ.get("JAXTYPING_DISABLE"):
         "type_checker.checked",
     )
 
+import cloudpickle  # type: ignore[import-untyped]  # noqa: E402
 import pytest  # noqa: E402 - the hook comes before anything that may import the package
 from filelock import FileLock  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
@@ -47,6 +48,8 @@ _LONGEST_FILES = (
     "test_board.py",
     "test_calibration_session.py",
     "test_sensor_folder.py",
+    "test_second_ball.py",
+    "test_board_press.py",
     "test_free_pressing.py",
     "test_calibration_page.py",
     "test_force_calibration_page.py",
@@ -133,28 +136,32 @@ def real_images(real_data: Path) -> dict[str, CalibrationImages]:
 
 
 @pytest.fixture(scope="session")
-def calibrated_a(real_images: dict[str, CalibrationImages]) -> Calibration:
+def calibrated_a(real_images: dict[str, CalibrationImages], tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     """Sensor A calibrated with the defaults."""
-    return calibrate(real_images["a"])
+    return _calibrated_once(tmp_path_factory, "calibrated_a", lambda: calibrate(real_images["a"]))[0]
 
 
 @pytest.fixture(scope="session")
-def sensor_a(real_images: dict[str, CalibrationImages], tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
+def sensor_a(calibrated_a: Calibration, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     """Sensor A as it was calibrated; a test that changes its folder copies it."""
-    return _saved_once(tmp_path_factory, "sensor_a/sensor", lambda: calibrate(real_images["a"]))
+    return load_sensor(_calibrated_once(tmp_path_factory, "calibrated_a", lambda: calibrated_a)[1])
 
 
 @pytest.fixture(scope="session")
-def calibrated_twin() -> Calibration:
+def calibrated_twin(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     """The default twin, calibrated from its own four images, by the method that is done soonest."""
-    images = CalibrationImages(**vars(simulate_calibration_images(default_twin())))
-    return calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin")
+
+    def calibrated() -> Calibration:
+        images = CalibrationImages(**vars(simulate_calibration_images(default_twin())))
+        return calibrate(images, settings=CalibrationSettings(method="ratio"), sensor_id="twin")
+
+    return _calibrated_once(tmp_path_factory, "calibrated_twin", calibrated)[0]
 
 
 @pytest.fixture(scope="session")
 def twin_sensor(calibrated_twin: Calibration, tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
     """The twin as it was calibrated; a test that changes its folder copies it."""
-    return save_sensor(tmp_path_factory.mktemp("twin") / "sensor", calibrated_twin)
+    return load_sensor(_calibrated_once(tmp_path_factory, "calibrated_twin", lambda: calibrated_twin)[1])
 
 
 @pytest.fixture(scope="session")
@@ -165,13 +172,20 @@ def physical_sensor(tmp_path_factory: pytest.TempPathFactory) -> SensorFolder:
         images = CalibrationImages(**vars(simulate_calibration_images(default_twin(), frames=4)))
         return calibrate(images, sensor_id="my_sensor")
 
-    return _saved_once(tmp_path_factory, "physical/my_sensor", calibrated)
+    return load_sensor(_calibrated_once(tmp_path_factory, "my_sensor", calibrated)[1])
 
 
-def _saved_once(factory: pytest.TempPathFactory, name: str, calibrated: Callable[[], Calibration]) -> SensorFolder:
-    """Return a sensor that the first worker to ask for it calibrates and saves for all of them."""
+def _calibrated_once(
+    factory: pytest.TempPathFactory, name: str, make: Callable[[], Calibration]
+) -> tuple[Calibration, Path]:
+    """Return a calibration that the first worker to ask for it makes for all of them, and the sensor folder it is saved in."""
     runs_in_worker = "PYTEST_XDIST_WORKER" in os.environ
-    shared = factory.getbasetemp().parent if runs_in_worker else factory.getbasetemp()
-    path = shared / name
-    with FileLock(f"{shared / name.replace('/', '_')}.lock"):
-        return load_sensor(path) if path.exists() else save_sensor(path, calibrated())
+    shared = (factory.getbasetemp().parent if runs_in_worker else factory.getbasetemp()) / "calibrations"
+    shared.mkdir(exist_ok=True)
+    kept, folder = shared / f"{name}.pickle", shared / name
+    with FileLock(shared / f"{name}.lock"):
+        if not kept.exists():
+            save_sensor(folder, made := make())
+            kept.write_bytes(cloudpickle.dumps(made))
+            return made, folder
+    return cloudpickle.loads(kept.read_bytes()), folder

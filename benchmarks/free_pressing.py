@@ -84,7 +84,7 @@ def free_pressing(
     """Print both tables. ratios: modulus of the gel over that of the base. contacts: in the recording that teaches."""
     cv2.setNumThreads(1)
     if quick:
-        sensors, ratios, contacts, kept_out, workers = ("A",), (0.1,), 4, 1, 1
+        sensors, ratios, contacts, kept_out, workers = ("A",), (0.1,), 3, 1, 1
     twins = [twin_on_base(name, ratio, contacts, out) for ratio in ratios for name in sensors]
     if quick:
         save_sensor(

@@ -29,7 +29,7 @@ def memory(frames: int = 100_000, quick: bool = False, json: bool = False) -> No
     """Run, and print the growth."""
     cv2.setNumThreads(1)
     require_linux()
-    frames, settled = (60, 20) if quick else (frames, SETTLED)
+    frames, settled = (20, 10) if quick else (frames, SETTLED)
     images, shape = real_sensor("sensor_a")
     camera = CameraInMemory(images)
     start = time.perf_counter()

@@ -10,6 +10,7 @@ pressed through the gel.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from time import perf_counter
 
 import cv2
@@ -61,24 +62,26 @@ def wrong_lengths(
     """Calibrate with right and wrong lengths."""
     cv2.setNumThreads(1)
     if quick:
-        real = list(real_trials(1, (0.8,)))[:2]
+        real = list(islice(real_trials(1, (0.8,), refines_lens=False), 2))
         answer("Wrong lengths", list(figures_of(real)), json)
         return
     of_twins = [*twin_trials(), *simulated_trials(simulated, seed), *second_ball_trials(second_balls, seed)]
     answer("Wrong lengths", list(figures_of([*real_trials(), *of_twins])), json)
 
 
-def real_trials(sensors: int | None = None, factors: tuple[float, ...] = FACTORS) -> Iterator[Trial]:
+def real_trials(
+    sensors: int | None = None, factors: tuple[float, ...] = FACTORS, refines_lens: bool = True
+) -> Iterator[Trial]:
     """Yield real sensors with right and wrong lengths; one whose ball is refused anyway has its board alone."""
     for folder in sensor_folders()[:sensors]:
         images = calibration_images(folder.name)
-        right = trial("right", folder.name, images, SensorDesign())
+        right = trial("right", folder.name, images, SensorDesign(), refines_lens)
         if right.remarks[:1] == ("refused",):
             images = replace(images, ball_reference=None, ball=None)
             right = trial("right", f"{folder.name}, board alone", images, SensorDesign())
         yield right
         for factor in factors:
-            yield trial("pitch", f"{right.name}, pitch × {factor:g}", images, with_lengths(pitch=factor))
+            yield trial("pitch", f"{right.name}, pitch × {factor:g}", images, with_lengths(pitch=factor), refines_lens)
         for factor in factors if images.ball_pair is not None else ():
             yield trial("radius", f"{right.name}, radius × {factor:g}", images, with_lengths(radius=factor))
 

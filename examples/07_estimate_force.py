@@ -1,4 +1,4 @@
-"""The six-axis force on every image, with its error, beside the truth: a twin is calibrated, pressed and dragged."""
+"""The six-axis force on every image, with its error, beside the truth: a twin is calibrated, once, pressed and dragged."""
 
 import argparse
 import tempfile
@@ -30,7 +30,8 @@ options = parser.parse_args()
 
 # With a sensor of your own: `ninedtact calibrate`, then load_sensor(folder).
 twin = default_twin()
-save_sensor(options.sensor, calibrate(CalibrationImages(**vars(simulate_calibration_images(twin, frames=4)))))
+if not options.sensor.exists():
+    save_sensor(options.sensor, calibrate(CalibrationImages(**vars(simulate_calibration_images(twin, frames=4)))))
 folder = load_sensor(options.sensor)
 shape, estimator = folder.shape, folder.estimator(options.force)
 

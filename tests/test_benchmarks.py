@@ -9,6 +9,8 @@ from pathlib import Path
 import jaxtyping
 import pytest
 
+from ninedtact.calibration.procedure import Calibration
+
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 SHARED = {
     "ball_in_layer",
@@ -26,11 +28,15 @@ NAMES = sorted({path.stem for path in BENCHMARKS.glob("*.py")} - SHARED)
 
 
 @pytest.fixture(scope="module", autouse=True)
-def measured_as_users_run() -> Iterator[None]:
-    """Let no types be checked meanwhile: times of benchmarks are those of users."""
+def measured_as_users_run(calibrated_a: Calibration) -> Iterator[None]:
+    """Let no types be checked meanwhile: times of benchmarks are those of users. Sensor A is calibrated for all tests at once."""
     before = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
     sys.path.insert(0, str(BENCHMARKS))
+    real_images = importlib.import_module("real_images")
+    calibrate = real_images.calibrated
+    of_tests = {("sensor_a", "physics"): calibrated_a}
+    real_images.calibrated = lambda name, method: of_tests.get((name, method)) or calibrate(name, method)
     yield
     sys.path.remove(str(BENCHMARKS))
     jaxtyping.config.update("jaxtyping_disable", before)

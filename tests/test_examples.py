@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 import ninedtact
+from ninedtact.calibration.sensor_folder import SensorFolder
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -89,8 +90,9 @@ def test_press_a_twin(real_data: Path) -> None:
     assert "nothing touches" in end
 
 
-def test_estimate_force(real_data: Path, tmp_path: Path) -> None:
-    said = run("07_estimate_force.py", real_data, "--sensor", tmp_path / "twin").splitlines()
+def test_estimate_force(real_data: Path, physical_sensor: SensorFolder) -> None:
+    """With a sensor that was calibrated as the example does it; the tour calibrates a twin too."""
+    said = run("07_estimate_force.py", real_data, "--sensor", physical_sensor.path).splitlines()
     read, exact = (
         np.array([[float(value) for value in re.findall(pattern, line)] for line in said])
         for pattern in (r"[xyz] ([+-][\d.]+)", r"\(([+-][\d.]+)\)")

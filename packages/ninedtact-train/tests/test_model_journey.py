@@ -57,6 +57,25 @@ def test_the_model_is_that_of_the_design_and_its_card_tells_what_it_was_judged_o
     assert capsys.readouterr().out.strip() == page.strip()
 
 
+def test_physics_is_evaluated_on_the_same_pairs_by_the_sensors_that_were_calibrated(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def evaluated(*words: object) -> dict:
+        assert main(["evaluate", *map(str, words), "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    data, report = made / "validation_data", tmp_path / "report"
+    found = evaluated("--data", data, "--workers", "1", "--out", report)
+    assert found["pairs"] == 20 and found["skill"][2] > 0.4 and found["no_contact"]["largest_force_n"] == 0
+    by_physics = read_force_model(made / "model.onnx").card.evaluation["all, by physics"]
+    assert by_physics["skill"][2] > found["skill"][2], "with the modulus that known loads tell"
+    again = evaluated("--predictions", report / "predictions.csv", "--trust-units")
+    assert again["skill"] == pytest.approx(found["skill"])
+    assert main(["evaluate", "--data", str(data), "--predictions", "some.csv"]) == 1
+    assert main(["evaluate"]) == 1
+    assert "got neither" in capsys.readouterr().err
+
+
 def test_what_is_judged_on_was_never_learnt(made: Path) -> None:
     learnt, judged = (
         (

@@ -34,25 +34,6 @@ def test_an_evaluation_refuses_the_pairs_that_training_refuses(
     assert not (data / "sensors").exists()
 
 
-def test_an_estimator_is_evaluated_on_a_data_set_by_sensors_that_calibrate_themselves(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def asked(*words: object) -> dict:
-        assert main([*map(str, words), "--json"]) == 0
-        return json.loads(capsys.readouterr().out)
-
-    pairs = tmp_path / "pairs"
-    of_twin = "--pairs 14 --sensors 1 --object-names ball:4 star_01 --pitch-mm 0.4 --no-contact 0.2 --rigid-base 0"
-    asked("simulate", "dataset", "--out", pairs, *of_twin.split(), "--linear", "0", "--workers", "1")
-    found = asked("evaluate", "--data", pairs, "--workers", "1", "--out", tmp_path / "report")
-    assert found["pairs"] == 14 and found["skill"][2] > 0.4 and found["no_contact"]["largest_force_n"] == 0
-    again = asked("evaluate", "--predictions", tmp_path / "report" / "predictions.csv", "--trust-units")
-    assert again["skill"] == pytest.approx(found["skill"])
-    assert main(["evaluate", "--data", str(pairs), "--predictions", "some.csv"]) == 1
-    assert main(["evaluate"]) == 1
-    assert "got neither" in capsys.readouterr().err
-
-
 def test_build_check_and_show(tree: LittleTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     tree.put_wrench("1", "2", np.array([0, 0, 3.0, 0, 0, 0]))

@@ -232,8 +232,6 @@ def test_a_recording_teaches_a_sensor_its_forces(
     true = MODULUS * six * np.where(SHEAR_COMPONENTS, SHEAR, 1.0)
     before, after = (np.abs(estimate(each, images) - true).mean(axis=0) for each in (physical_sensor, folder))
     assert (after[:3] < 0.7 * before[:3]).all(), "contacts of another day are estimated better"
-    assert main([*words, "--dry-run", "--ball-grams", "1000000"]) == 1
-    assert "the ball of the calibration with a weight near the estimated" in capsys.readouterr().err
 
 
 def estimate(sensor: SensorFolder, images: list[np.ndarray]) -> np.ndarray:

@@ -81,6 +81,8 @@ def test_a_known_twin_is_found_again(fit_by_physics: TwinBallFit) -> None:
     assert fit.parameters["brightening_per_mm"] == pytest.approx(0.33, rel=0.1)
     assert fit.image_rmse_grey_levels < 0.3 and fit.radial_rmse_grey_levels < 0.1
     true = {"depth_mm": 1.8, "drag_x_mm": 0.4, "drag_y_mm": -0.2, "thickness_mm": 2.3, "inverse_distance_per_mm": 0.05}
+    true["gel_to_base_modulus_ratio"] = GEL.gel_to_base_modulus_ratio
+    assert fit.relative_depth_std > 0.01
     off = {
         name: abs(fit.parameters[name] - value) / fit.uncertainty.standard_deviations[name]
         for name, value in true.items()
@@ -88,7 +90,7 @@ def test_a_known_twin_is_found_again(fit_by_physics: TwinBallFit) -> None:
     assert max(off.values()) < 4, off
 
 
-@pytest.mark.parametrize("ratio", [0.0, 0.05, 0.15])
+@pytest.mark.parametrize("ratio", [0.0, 0.15])
 def test_the_stated_error_covers_what_is_not_known_of_the_base(
     ratio: float, twin: Twin, calibrated_a: Calibration
 ) -> None:
