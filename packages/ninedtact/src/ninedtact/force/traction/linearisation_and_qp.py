@@ -4,8 +4,8 @@ The prior (`TractionPrior`) has the statistics of simulated presses, in units of
 figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, and a standard deviation in proportion to the
 indentation over the gel's thickness. Shear has the
 mean that keeps the skin under the pressure from spreading sideways, as friction does, and deviates from it by pressure times a
-smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.12 on each axis); the other varies over
-about two millimetres (0.2).
+smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.2 on each axis); the other varies over
+about two millimetres (0.15).
 
 The quadratic programme of one linearisation has unknowns that must not be negative. It is solved exactly, by block principal
 pivoting: each bounded unknown is free, or held at zero. The free unknowns are solved for; then those that are negative are held,
@@ -129,9 +129,9 @@ class TractionPrior:
     """Standard deviation of the pressure over the root mean square of the indentation, which is relative to the gel's thickness.
     Several times the value found: pressure has sharp edges, unlike a Gaussian field, and a tighter prior shrinks forces."""
     correlation_mm: float = 1.9
-    pull: float = 0.12
+    pull: float = 0.2
     """Standard deviation of the part of shear over pressure that is constant over the contact."""
-    spread: float = 0.2
+    spread: float = 0.15
     """Standard deviation of the part of shear over pressure that varies over the contact."""
     spread_mm: float = 2.0
     smooth_mm: float = 0.4
