@@ -41,14 +41,15 @@ class _RecordedRepetition(Repetition):
 
         super().__init__(step, map_arrays(torch.clone, problem))
         self._state = map_arrays(torch.clone, state)
-        beside = torch.cuda.Stream()
+        self._graph, beside = torch.cuda.CUDAGraph(), torch.cuda.Stream()
         beside.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(beside):  # plans and handles are made before they are recorded
-            step(self._problem, self._state)
-        torch.cuda.current_stream().wait_stream(beside)
-        self._graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self._graph, pool=_graphs.pool()):
+        with torch.cuda.stream(beside):
+            step(self._problem, self._state)  # plans and handles are made before they are recorded
+            # Not by `torch.cuda.graph`, which collects garbage and empties the memory's cache at every recording.
+            self._graph.capture_begin(pool=_graphs.pool())
             _copy_arrays(self._state, step(self._problem, self._state))
+            self._graph.capture_end()
+        torch.cuda.current_stream().wait_stream(beside)
 
     def load(self, problem: Any, state: Any) -> None:
         """Copy a problem and a state of the recorded shapes."""
