@@ -162,10 +162,10 @@ def region_of_rectangle(skin: Skin, rectangle: GridRectangle) -> SharedActiveRec
 
 def rectangle_around_both(one: GridRectangle, other: GridRectangle, shape: tuple[int, int]) -> GridRectangle:
     """Return the rectangle around two rectangles of a grid of this shape, rounded up as all are."""
-    near = [np.zeros(points, bool) for points in shape]
+    near_rows, near_cols = (np.zeros(points, bool) for points in shape)
     for rectangle in (one, other):
-        near[0][rectangle.rows], near[1][rectangle.cols] = True, True
-    return _rectangle_around(*near, shape)
+        near_rows[rectangle.rows], near_cols[rectangle.cols] = True, True
+    return _rectangle_around(near_rows, near_cols, shape)
 
 
 def find_active_rectangles(overlap_mm: Float[Any, "batch rows cols"]) -> list[GridRectangle]:

@@ -152,8 +152,9 @@ class AlternatingSolver:
     def _select(self, indices: ContactIndices) -> "AlternatingSolver":
         """Return the problem of these contacts of a batch."""
         given = self.constraint, self.overlap_mm, self.depth_mm, self.carried_mm, self.friction
-        part = map_arrays(partial(take_contacts, indices=indices), given)
-        return AlternatingSolver(self.operators.select(indices), *part, self.settings)
+        constraint, overlap, depth, carried, friction = map_arrays(partial(take_contacts, indices=indices), given)
+        operators = self.operators.select(indices)
+        return AlternatingSolver(operators, constraint, overlap, depth, carried, friction, self.settings)
 
     def _result(self, state: AlternationState, iterations: PerContact) -> AlternationResult:
         """Return the result after a round."""

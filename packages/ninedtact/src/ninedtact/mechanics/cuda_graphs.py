@@ -41,7 +41,7 @@ class _RecordedRepetition(Repetition):
 
         super().__init__(step, map_arrays(torch.clone, problem))
         self._state = map_arrays(torch.clone, state)
-        self._graph, beside = torch.cuda.CUDAGraph(), torch.cuda.Stream()
+        self._graph, beside = torch.cuda.CUDAGraph(), torch.cuda.Stream()  # type: ignore[no-untyped-call]
         beside.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(beside):
             step(self._problem, self._state)  # plans and handles are made before they are recorded
