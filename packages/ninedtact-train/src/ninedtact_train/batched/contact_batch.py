@@ -33,6 +33,8 @@ from ninedtact.mechanics.contact_result import (
     Contact,
     ContactLeavesGrid,
     least_gel_mm,
+    positive_at_border,
+    reach_mm,
     require_depth_within_gel,
     require_gel_left,
     require_inside_grid,
@@ -261,32 +263,21 @@ class ContactBatch:
     @cached_property
     def _overlap_at_border(self) -> _Flags:
         """Whether each object reaches into the skin at the grid's border."""
-        return _positive_at_border(self.problem.overlap_mm)
+        return positive_at_border(self.problem.overlap_mm)
 
     @cached_property
     def _leaves_region(self) -> _Flags:
         """Whether each contact is larger than its region."""
-        return _to_flags(self.regions.any_outside(self.solution[1]))
+        return to_numpy(self.regions.any_outside(self.solution[1])) > 0
 
     @cached_property
     def _may_be_refused(self) -> _Flags:
         """Whether each contact is at the border, through the base, over the gel's rim, or perhaps not converged."""
         contacts, twins = self.contacts, [request.setup.twin for request in self.requests]
         through_base = ~(self._deepest_mm < np.array([twin.gel.max_depth_mm for twin in twins]))
-        beyond_gel = (self._reach_mm > np.array([twin.gel_mm for twin in twins]) / 2).any(axis=1)
-        at_border = _positive_at_border(contacts.pressure_mpa)
+        beyond_gel = (reach_mm(contacts) > np.array([twin.gel_mm for twin in twins]) / 2).any(axis=1)
+        at_border = positive_at_border(contacts.pressure_mpa)
         return np.asarray(at_border | through_base | beyond_gel | self.settings.must_converge)
-
-    @cached_property
-    def _reach_mm(self) -> Float64[Array, "batch 2"]:
-        """The largest |x| and |y| of the sensor under pressure, for each contact."""
-        contacts, pressed = self.contacts, self.contacts.pressure_mpa > 0
-        x, y = contacts.skin.grid.positions_mm
-        reach = []
-        for across, axis_mm, middle in ((1, x[0], contacts.pose.x_mm), (2, y[:, 0], contacts.pose.y_mm)):
-            touched = _to_flags(array_namespace_of(pressed).any(pressed, axis=across))
-            reach.append(np.max(np.abs(axis_mm + np.asarray(middle)[:, None]) * touched, axis=1))
-        return np.stack(reach, axis=1)
 
 
 def refusal_before_solving(request: StepRequest) -> NinedtactError | None:
@@ -298,15 +289,3 @@ def refusal_before_solving(request: StepRequest) -> NinedtactError | None:
     except NinedtactError as refusal:
         return refusal
     return None
-
-
-def _positive_at_border(field: ScalarField) -> _Flags:
-    """Return for each contact whether a field is above zero at the grid's border."""
-    above, xp = field > 0, array_namespace_of(field)
-    sides = (above[:, :, 0], above[:, :, -1], above[:, 0, :], above[:, -1, :])
-    return _to_flags(xp.any(xp.concat(sides, axis=1), axis=1))
-
-
-def _to_flags(values: Bool[Any, "*shape"]) -> Bool[Array, "*shape"]:
-    """Return truth values as a NumPy array."""
-    return to_numpy(values) > 0

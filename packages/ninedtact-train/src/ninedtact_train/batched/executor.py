@@ -31,6 +31,9 @@ from ninedtact_train.batched.session_requests import (
     send_to_session,
 )
 
+_SIZE_STEP = 32
+"""Batches on a GPU are filled up to multiples of this size."""
+
 
 @dataclass
 class BatchExecutor:
@@ -101,7 +104,9 @@ class BatchExecutor:
     def _solve(self, requests: Sequence[StepRequest]) -> list[StepResponse]:
         refusals = [refusal_before_solving(request) for request in requests]
         valid = [request for request, refusal in zip(requests, refusals, strict=True) if refusal is None]
-        solved = iter(ContactBatch(valid, self.stack, self.store).responses() if valid else [])
+        # Few sizes of batches, so that their rounds are recorded: the last request fills the batch up.
+        filled = valid + valid[-1:] * (-len(valid) % _SIZE_STEP if self.device.kind == "cuda" else 0)
+        solved = iter(ContactBatch(filled, self.stack, self.store).responses() if valid else [])
         return [next(solved) if refusal is None else refusal for refusal in refusals]
 
     def _render(self, requests: Sequence[RenderRequest]) -> list[BrightnessFactor | None]:

@@ -18,6 +18,7 @@ from numpy import ndarray as Array
 from ninedtact._version import installation_command
 from ninedtact.errors import DeviceError, NinedtactError
 from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.cuda_graphs import forget_graphs
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.twin import Press, Twin
@@ -145,6 +146,7 @@ class Device:
         if self.kind == "cuda":
             import torch
 
+            forget_graphs()
             torch.cuda.empty_cache()
 
 

@@ -150,10 +150,22 @@ def find_touchable_region(skin: Skin, overlap_mm: ScalarField) -> SharedActiveRe
     """
     near = _near_object(overlap_mm)
     near = to_numpy(array_namespace_of(near).any(near, axis=tuple(range(near.ndim - 2))))
-    rectangle = _rectangle_around(near.any(axis=1), near.any(axis=0), skin.grid.shape)
+    return region_of_rectangle(skin, _rectangle_around(near.any(axis=1), near.any(axis=0), skin.grid.shape))
+
+
+def region_of_rectangle(skin: Skin, rectangle: GridRectangle) -> SharedActiveRectangle:
+    """Return the region of a rectangle, for all contacts of a batch."""
     if rectangle.shape == skin.grid.shape:
         return whole_grid_region(skin)
     return SharedActiveRectangle(rectangle, skin, skin.cropped_operators(*rectangle.shape))
+
+
+def rectangle_around_both(one: GridRectangle, other: GridRectangle, shape: tuple[int, int]) -> GridRectangle:
+    """Return the rectangle around two rectangles of a grid of this shape, rounded up as all are."""
+    near_rows, near_cols = (np.zeros(points, bool) for points in shape)
+    for rectangle in (one, other):
+        near_rows[rectangle.rows], near_cols[rectangle.cols] = True, True
+    return _rectangle_around(near_rows, near_cols, shape)
 
 
 def find_active_rectangles(overlap_mm: Float[Any, "batch rows cols"]) -> list[GridRectangle]:

@@ -13,11 +13,17 @@ The layer is linear; `finite_strain` corrects its loads and heights for deep pre
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ninedtact.mechanics.active_region import ActiveRegion, find_touchable_region, whole_grid_region
+from ninedtact.mechanics.active_region import (
+    ActiveRegion,
+    SharedActiveRectangle,
+    find_touchable_region,
+    whole_grid_region,
+)
 from ninedtact.mechanics.contact_result import (
     Contact,
     require_converged,
@@ -25,10 +31,13 @@ from ninedtact.mechanics.contact_result import (
     require_inside_grid,
     require_positive_load,
 )
+from ninedtact.mechanics.cuda_graphs import repeated
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, solve_shear
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.normal_contact import ContactConstraint, PressureSolution, solve_pressure
 from ninedtact.mechanics.numpy_or_torch_arrays import (
+    ITERATIONS_UNSEEN,
+    ContactIndices,
     PerContact,
     ScalarPerContact,
     array_namespace_of,
@@ -36,8 +45,13 @@ from ninedtact.mechanics.numpy_or_torch_arrays import (
     drop_grid_axes_of_counts,
     expand_over_grid,
     forward_transform,
+    half_with_all_unconverged,
     inverse_transform,
+    map_arrays,
     max_over_grid,
+    put_contacts,
+    take_contacts,
+    to_numpy,
 )
 from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin, VectorField
@@ -73,11 +87,6 @@ class AlternationState:
     """Outward displacement by the shear."""
     spread_mm: VectorField
     """Tangential displacement by the pressure."""
-
-    @property
-    def tangential_mm(self) -> VectorField:
-        """Tangential displacement by shear and pressure."""
-        return self.shear.displacement_mm + self.spread_mm
 
     @property
     def iterations(self) -> PerContact:
@@ -121,12 +130,34 @@ class AlternatingSolver:
 
     def solve(self, state: AlternationState) -> AlternationResult:
         """Run rounds until one changes neither pressure nor shear, or until there were as many as the settings allow."""
-        iterations = 0 * self.depth_mm
-        for _ in range(self.settings.max_rounds):
-            state = self._next_state(state)
+        return self._run_rounds(state, 0 * self.depth_mm, self.settings.max_rounds)
+
+    def _run_rounds(self, state: AlternationState, iterations: PerContact, left: int) -> AlternationResult:
+        """Run the rounds that are left. As soon as half of a batch has converged, the other half is solved alone."""
+        rounds = repeated(AlternatingSolver._next_state, self, state, self.settings.max_iterations <= ITERATIONS_UNSEEN)
+        for count in range(left):
+            state = rounds.next(state)
             iterations = iterations + state.iterations
-            if not bool(self.operators.xp.any(state.iterations > 0)):
+            unconverged = np.atleast_1d(to_numpy(state.iterations)[..., 0, 0]) > 0
+            if not unconverged.any():
                 break
+            half = half_with_all_unconverged(unconverged)
+            if half is not None and count + 1 < left:
+                whole = self._result(rounds.take(state), iterations)
+                state, iterations = map_arrays(partial(take_contacts, indices=half), (whole.state, iterations))
+                part = self._select(half)._run_rounds(state, iterations, left - count - 1)
+                return map_arrays(partial(put_contacts, half), whole, part)
+        return self._result(rounds.take(state), iterations)
+
+    def _select(self, indices: ContactIndices) -> "AlternatingSolver":
+        """Return the problem of these contacts of a batch."""
+        given = self.constraint, self.overlap_mm, self.depth_mm, self.carried_mm, self.friction
+        constraint, overlap, depth, carried, friction = map_arrays(partial(take_contacts, indices=indices), given)
+        operators = self.operators.select(indices)
+        return AlternatingSolver(operators, constraint, overlap, depth, carried, friction, self.settings)
+
+    def _result(self, state: AlternationState, iterations: PerContact) -> AlternationResult:
+        """Return the result after a round."""
         residual = self.operators.xp.maximum(state.pressure.initial_residual_mm, state.shear.initial_residual_mm)
         return AlternationResult(state, residual, iterations)
 
@@ -286,12 +317,19 @@ class ContactModel:
             tolerance = self.settings.tolerance_mm(contact.pose.depth_mm)
             require_converged(contact.residual_mm, tolerance, contact.iterations)
 
-    def _solve(self, problem: ContactProblem) -> Contact:
-        """Return the contact in the region that it should fit in, or on the whole grid where skin outside rises into the object."""
-        region = find_touchable_region(self.skin, problem.overlap_mm)
+    def solve(self, problem: ContactProblem, region: SharedActiveRectangle) -> Contact:
+        """Return the contact in the region that it should fit in, or on the whole grid where skin outside rises into the object.
+
+        Nothing is refused; see `require_valid`.
+        """
         contact, inside_object = problem.solve(region, self.settings)
         if region.any_outside(inside_object):
             contact, _ = problem.solve(whole_grid_region(self.skin), self.settings)
+        return contact
+
+    def _solve(self, problem: ContactProblem) -> Contact:
+        """Return the contact, or refuse it; raises what `require_valid` raises."""
+        contact = self.solve(problem, find_touchable_region(self.skin, problem.overlap_mm))
         self.require_valid(contact, float(np.max(problem.deepest_mm(contact))))
         return contact
 

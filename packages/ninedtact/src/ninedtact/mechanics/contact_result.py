@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from array_api_compat import device
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float64
 from numpy import ndarray as Array
 
 from ninedtact.design import Gel
@@ -86,15 +86,18 @@ class Contact:
 
         about_mm: the point of the torque, by default the middle of the undeformed skin.
         """
-        six = self._summed_wrench(self.skin.grid.positions_mm)
+        six = to_numpy(self._summed_wrench(self.skin.grid.positions_mm))
         wrench = Wrench(six[:3], six[3:])
         return wrench if about_mm is None else wrench.about(about_mm)
 
-    def wrenches(self) -> Float64[Array, "batch 6"]:
-        """Return the wrench of each contact of a batch: force in N, torque in N·m about the middle of the undeformed skin."""
+    def wrenches(self) -> Float64[Any, "batch 6"]:
+        """Return the wrench of each contact of a batch: force in N, torque in N·m about the middle of the undeformed skin.
+
+        They stay where the fields are.
+        """
         return self._summed_wrench(self.skin.coordinates_mm)
 
-    def _summed_wrench(self, coordinates_mm: Any) -> Float64[Array, "*batch 6"]:
+    def _summed_wrench(self, coordinates_mm: Any) -> Float64[Any, "*batch 6"]:
         """Return force and torque, summed in double precision on the device where the fields are.
 
         coordinates_mm: x and y of the grid's points.
@@ -110,7 +113,7 @@ class Contact:
         torques = (y * f_z - z * f_y, z * f_x - x * f_z, x * f_y - y * f_x)
         forces = [sum_over_grid(force) for force in (f_x, f_y, f_z)]
         sums = [*forces, *(sum_over_grid(torque) / 1e3 for torque in torques)]
-        return to_numpy(xp.concat(sums, axis=-1))[..., 0, :]
+        return xp.concat(sums, axis=-1)[..., 0, :]
 
     @property
     def surface_points_mm(self) -> Float64[Array, "*batch 3 rows cols"]:
@@ -206,6 +209,23 @@ def require_inside_grid(grid: PeriodicGrid, field: ScalarField) -> None:
             got=f"it at the {' and '.join(reached)} border",
             remedy="give the grid a wider margin, or press less deep",
         )
+
+
+def positive_at_border(field: ScalarField) -> Bool[Array, " batch"]:
+    """Return for each contact of a batch whether pressure (or overlap) is above zero at the grid's border."""
+    above, xp = field > 0, array_namespace_of(field)
+    sides = (above[:, :, 0], above[:, :, -1], above[:, 0, :], above[:, -1, :])
+    return to_numpy(xp.any(xp.concat(sides, axis=1), axis=1)) > 0
+
+
+def reach_mm(contacts: Contact) -> Float64[Array, "batch 2"]:
+    """Return the largest |x| and |y| of the sensor under pressure, for each contact of a batch."""
+    pressed, (x, y) = contacts.pressure_mpa > 0, contacts.skin.grid.positions_mm
+    reach = []
+    for across, axis_mm, middle in ((1, x[0], contacts.pose.x_mm), (2, y[:, 0], contacts.pose.y_mm)):
+        touched = to_numpy(array_namespace_of(pressed).any(pressed, axis=across)) > 0
+        reach.append(np.max(np.abs(axis_mm + np.asarray(middle)[:, None]) * touched, axis=1))
+    return np.stack(reach, axis=1)
 
 
 def require_positive_load(load_n: ScalarPerContact) -> None:

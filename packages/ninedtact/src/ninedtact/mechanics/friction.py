@@ -11,13 +11,10 @@ from functools import cached_property
 
 from ninedtact.mechanics.numpy_or_torch_arrays import (
     ContactFlags,
-    ContactIndices,
     PerContact,
     array_namespace_of,
-    half_with_all_unconverged,
+    may_stop_after,
     nonzero_divisor,
-    put_contacts,
-    take_contacts,
 )
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, VectorField
 
@@ -49,10 +46,6 @@ class FrictionLimit:
     """The largest shear that friction can hold: μp, which is zero where there is no pressure."""
 
     max_shear_mpa: ScalarField
-
-    def select(self, indices: ContactIndices) -> "FrictionLimit":
-        """Return the limit of these contacts of a batch."""
-        return FrictionLimit(take_contacts(self.max_shear_mpa, indices))
 
     @cached_property
     def pressed(self) -> ScalarField:
@@ -101,19 +94,6 @@ class _ShearIterate:
     step_length: PerContact
     """Length of the next step (α), MPa per mm of miss, (…, 1, 1, 1)."""
 
-    def select(self, indices: ContactIndices) -> "_ShearIterate":
-        """Return the iterate of these contacts of a batch."""
-        values = (self.shear_mpa, self.miss_mm, self.step_length)
-        return _ShearIterate(*(take_contacts(value, indices) for value in values))
-
-    def merge(self, indices: ContactIndices, part: "_ShearIterate") -> "_ShearIterate":
-        """Return the iterate of all contacts, with these contacts replaced after they were iterated separately."""
-        shear, miss = (
-            put_contacts(self.shear_mpa, indices, part.shear_mpa),
-            put_contacts(self.miss_mm, indices, part.miss_mm),
-        )
-        return _ShearIterate(shear, miss, put_contacts(self.step_length, indices, part.step_length))
-
 
 @dataclass(frozen=True)
 class _ShearProblem:
@@ -123,11 +103,6 @@ class _ShearProblem:
     target_mm: VectorField
     limit: FrictionLimit
     tolerance_mm: PerContact
-
-    def select(self, indices: ContactIndices) -> "_ShearProblem":
-        """Return the problem of these contacts of a batch."""
-        target, tolerance = take_contacts(self.target_mm, indices), take_contacts(self.tolerance_mm, indices)
-        return _ShearProblem(self.operators.select(indices), target, self.limit.select(indices), tolerance)
 
 
 def solve_shear(
@@ -146,44 +121,21 @@ def solve_shear(
     problem = _ShearProblem(operators, target_mm, limit, tolerance_mm)
     iterate = _first_iterate(problem, start)
     residual = initial = limit.residual_mm(iterate.miss_mm, iterate.shear_mpa)
-    iterate, residual, iterations = _iterate_shear(
-        problem, iterate, residual, initial > tolerance_mm, range(max_iterations)
-    )
-    return ShearSolution(iterate.shear_mpa, iterate.miss_mm + target_mm, residual, initial, iterations)
-
-
-def _iterate_shear(
-    problem: _ShearProblem, iterate: _ShearIterate, residual: PerContact, unconverged: ContactFlags, counts: range
-) -> tuple[_ShearIterate, PerContact, PerContact]:
-    """Return the iterate at half the tolerance, its residual and its iterations, numbered by `counts`.
-
-    As soon as half of a batch has converged, the other half is iterated separately.
-    """
-    iterations = 0 * problem.tolerance_mm
-    for count in counts:
-        if not bool(unconverged.any()):
+    iterations, unconverged = 0 * tolerance_mm, initial > tolerance_mm
+    for count in range(max_iterations):
+        if may_stop_after(count, unconverged) and not bool(unconverged.any()):
             break
-        if (half := half_with_all_unconverged(unconverged)) is not None:
-            selected = (
-                problem.select(half),
-                iterate.select(half),
-                take_contacts(residual, half),
-                take_contacts(unconverged, half),
-            )
-            part, left, more = _iterate_shear(*selected, range(count, counts.stop))
-            iterations = iterations + put_contacts(0 * iterations, half, more)
-            return iterate.merge(half, part), put_contacts(residual, half, left), iterations
         iterate = _projected_gradient_step(iterate, problem, unconverged[..., None, :, :], long=count % 2 == 0)
-        residual = problem.limit.residual_mm(iterate.miss_mm, iterate.shear_mpa)
+        residual = limit.residual_mm(iterate.miss_mm, iterate.shear_mpa)
         iterations = iterations + unconverged
-        unconverged = unconverged & (residual > problem.tolerance_mm / 2)
-    return iterate, residual, iterations
+        unconverged = unconverged & (residual > tolerance_mm / 2)
+    return ShearSolution(iterate.shear_mpa, iterate.miss_mm + target_mm, residual, initial, iterations)
 
 
 def _first_iterate(problem: _ShearProblem, start: ShearSolution) -> _ShearIterate:
     """Return the first guess, limited to what friction can hold; its step length is 4 over the largest compliance."""
     shear, displacement = start.shear_mpa, start.displacement_mm
-    if problem.limit.is_exceeded_by(shear):
+    if shear.ndim > 3 or problem.limit.is_exceeded_by(shear):  # to ask of a batch would stop a device
         shear = problem.limit.project(shear)
         displacement = problem.operators.tangential_from_shear_mm(shear)
     step_length = 4 / problem.operators.max_shear_compliance_mm_per_mpa + 0 * displacement[..., :1, :1, :1]

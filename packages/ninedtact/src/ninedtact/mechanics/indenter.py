@@ -155,9 +155,9 @@ def _bracket_first_entry(lines: _VerticalLines, slope: ScalarPerContact) -> _Ent
 
 def _search_height_fractions(slope: ScalarPerContact) -> Float[Array, "heights ..."]:
     """Return the search heights as fractions, 0 to 1, of the search reach; one repeated for objects that need fewer."""
-    counts = [int(2 * _TILT_REACH_MM * one / _TILT_DRIFT_MM) + 3 for one in np.ravel(slope).tolist()]
-    each = [np.append(np.linspace(0, 1, count), np.ones(max(counts) - count)) for count in counts]
-    return np.stack(each, axis=-1).reshape(-1, *np.shape(slope))
+    counts = np.floor(2 * _TILT_REACH_MM * np.asarray(slope) / _TILT_DRIFT_MM) + 3
+    numbers = np.arange(np.max(counts)).reshape(-1, *[1] * counts.ndim)
+    return np.minimum(numbers / (counts - 1), 1.0)
 
 
 @dataclass(frozen=True)

@@ -6,21 +6,18 @@ docs/references.md). Either the depth of the object is given, or its load; with 
 mean gap under pressure is zero.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from ninedtact.mechanics.numpy_or_torch_arrays import (
     ContactFlags,
-    ContactIndices,
     PerContact,
     array_namespace_of,
-    half_with_all_unconverged,
     max_over_grid,
+    may_stop_after,
     nonzero_divisor,
-    put_contacts,
     sum_over_grid,
-    take_contacts,
 )
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField
 
@@ -58,7 +55,7 @@ class ContactConstraint:
         if self.pressure_sum_mpa is None:
             return 0.0
         mean = sum_over_grid(gap_mm * points) / nonzero_divisor(sum_over_grid(points))
-        return mean if self.by_load is None else array_namespace_of(gap_mm).where(self.by_load, mean, 0.0)
+        return mean if self.by_load is None else mean * self.by_load
 
     def scale_to_load(self, pressure_mpa: ScalarField) -> ScalarField:
         """Return the pressure scaled to the given load, uniform where it was zero; unchanged where the depth is given."""
@@ -67,10 +64,6 @@ class ContactConstraint:
         positive = pressure_mpa + self.region * (sum_over_grid(pressure_mpa) <= 0)
         scaled = positive * (self.pressure_sum_mpa / sum_over_grid(positive))
         return scaled if self.by_load is None else array_namespace_of(scaled).where(self.by_load, scaled, pressure_mpa)
-
-    def select(self, indices: ContactIndices) -> "ContactConstraint":
-        """Return the constraint of these contacts of a batch."""
-        return ContactConstraint(*(take_contacts(getattr(self, one.name), indices) for one in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -93,17 +86,6 @@ class _PressureIterate:
         """The points under pressure."""
         return self.pressure_mpa > 0
 
-    def select(self, indices: ContactIndices) -> "_PressureIterate":
-        """Return the iterate of these contacts of a batch."""
-        return _PressureIterate(**{one.name: take_contacts(getattr(self, one.name), indices) for one in fields(self)})
-
-    def merge(self, indices: ContactIndices, part: "_PressureIterate") -> "_PressureIterate":
-        """Return the iterate of all contacts, with these contacts replaced after they were iterated separately."""
-        pressure = put_contacts(self.pressure_mpa, indices, part.pressure_mpa)
-        gap = put_contacts(self.gap_mm, indices, part.gap_mm)
-        deeper = put_contacts(self.depth_increase_mm + 0 * self.squared_residual, indices, part.depth_increase_mm)
-        return _PressureIterate(pressure, gap, deeper, self.direction, self.squared_residual, self.active)
-
 
 @dataclass(frozen=True)
 class _PressureProblem:
@@ -113,11 +95,6 @@ class _PressureProblem:
     constraint: ContactConstraint
     overlap_mm: ScalarField
     tolerance_mm: PerContact
-
-    def select(self, indices: ContactIndices) -> "_PressureProblem":
-        """Return the problem of these contacts of a batch."""
-        overlap, tolerance = take_contacts(self.overlap_mm, indices), take_contacts(self.tolerance_mm, indices)
-        return _PressureProblem(self.operators.select(indices), self.constraint.select(indices), overlap, tolerance)
 
 
 def solve_pressure(
@@ -140,38 +117,17 @@ def solve_pressure(
     )
     residual = initial = _contact_violation_mm(iterate)
     problem = _PressureProblem(operators, constraint, overlap_mm, tolerance_mm)
-    iterate, residual, iterations = _iterate_pressure(
-        problem, iterate, residual, initial > tolerance_mm, max_iterations
-    )
+    iterations, unconverged = none, initial > tolerance_mm
+    for count in range(max_iterations):
+        if may_stop_after(count, unconverged) and not bool(unconverged.any()):
+            break
+        iterate = _subtract_gap_level(_conjugate_gradient_step(iterate, problem, unconverged), constraint)
+        residual = _contact_violation_mm(iterate)
+        iterations = iterations + unconverged
+        unconverged = unconverged & (residual > tolerance_mm / 2)
     indentation = iterate.gap_mm + (overlap_mm + iterate.depth_increase_mm)
     deeper = iterate.depth_increase_mm + none
     return PressureSolution(iterate.pressure_mpa, indentation, deeper, residual, initial, iterations)
-
-
-def _iterate_pressure(
-    problem: _PressureProblem, iterate: _PressureIterate, residual: PerContact, unconverged: ContactFlags, left: int
-) -> tuple[_PressureIterate, PerContact, PerContact]:
-    """Return the iterate at half the tolerance, its residual and its iterations, of which there are at most `left`.
-
-    As soon as half of a batch has converged, the other half is iterated separately.
-    """
-    iterations = 0 * problem.tolerance_mm
-    while bool(unconverged.any()) and left:
-        if (half := half_with_all_unconverged(unconverged)) is not None:
-            selected = (
-                problem.select(half),
-                iterate.select(half),
-                take_contacts(residual, half),
-                take_contacts(unconverged, half),
-            )
-            part, rest, more = _iterate_pressure(*selected, left)
-            iterations = iterations + put_contacts(0 * iterations, half, more)
-            return iterate.merge(half, part), put_contacts(residual, half, rest), iterations
-        iterate = _subtract_gap_level(_conjugate_gradient_step(iterate, problem, unconverged), problem.constraint)
-        residual = _contact_violation_mm(iterate)
-        left, iterations = left - 1, iterations + unconverged
-        unconverged = unconverged & (residual > problem.tolerance_mm / 2)
-    return iterate, residual, iterations
 
 
 def _conjugate_gradient_step(
@@ -183,19 +139,19 @@ def _conjugate_gradient_step(
     length (α).
     """
     operators, constraint, gap = problem.operators, problem.constraint, last.gap_mm
-    xp = operators.xp
     active = last.pressed | (gap < 0)
-    residual = xp.where(active, gap - constraint.gap_level_mm(gap, active), 0.0)
+    residual = (gap - constraint.gap_level_mm(gap, active)) * active
     squared_residual = sum_over_grid(residual * residual)
-    conjugate = xp.all(active == last.active, axis=(-2, -1), keepdims=True)
+    conjugate = sum_over_grid(active != last.active) == 0
     direction = residual + conjugate * squared_residual / nonzero_divisor(last.squared_residual) * last.direction
     displacement = operators.indentation_from_pressure_mm(direction)
     curvature = nonzero_divisor(sum_over_grid(direction * displacement))
     step_length = unconverged * sum_over_grid(residual * direction) / curvature
     pressure = last.pressure_mpa - step_length * direction
     gap = gap + last.depth_increase_mm - step_length * displacement
-    if bool((pressure < 0).any()):
-        pressure = constraint.scale_to_load(xp.where(pressure > 0, pressure, 0.0))
+    # In a batch some contact nearly always has negative pressure, and to ask would stop a device.
+    if pressure.ndim > 2 or bool((pressure < 0).any()):
+        pressure = constraint.scale_to_load(pressure * (pressure > 0))
         gap = operators.indentation_from_pressure_mm(pressure) - problem.overlap_mm
     return _PressureIterate(pressure, gap, last.depth_increase_mm, direction, squared_residual, active)
 

@@ -9,12 +9,13 @@ A number of each contact is shaped (…, 1, 1) beside fields (…, rows, cols) a
 scales them. A single contact has the same shapes without the batch axis and is computed by the same code. Each contact of a
 batch stops on its own, so its result does not depend on the other contacts of the batch.
 
-Contacts of one batch need from ten to over a hundred iterations, and a contact that has converged costs as much as one that has
-not. As soon as no more than half of a batch is still being solved, that half is solved alone. This takes two fifths of the work
-of iterating all until the slowest has converged (measured on 256 steps of a data set). Halves are taken rather than exactly the
-unconverged contacts so that few array shapes occur: Fourier transforms are planned for each shape.
+Contacts of one batch need different numbers of rounds, and a contact that has converged costs as much as one that has not. As soon
+as no more than half of a batch is still being solved, that half is solved alone. Halves are taken rather than exactly the
+unconverged contacts so that few array shapes occur: Fourier transforms are planned, and CUDA graphs recorded, for each shape.
 """
 
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -76,6 +77,8 @@ CountPerContact = int | Int[Any, "batch"]
 ContactIndices = Int[Array, " half"]
 """Positions of contacts in a batch, ascending."""
 
+ITERATIONS_UNSEEN = 8
+"""Iterations of a batch between two looks at what has converged."""
 MIN_CONTACTS_TO_SPLIT = 8
 """Batches of up to this size are not split: their arithmetic costs next to nothing beside the overhead of each call."""
 
@@ -116,14 +119,22 @@ def drop_grid_axes_of_counts(numbers: PerContact) -> CountPerContact:
     return int(values) if isinstance(values, float) else np.asarray(values).astype(int)
 
 
-def half_with_all_unconverged(unconverged: ContactFlags) -> ContactIndices | None:
+def may_stop_after(iterations: int, unconverged: ContactFlags) -> bool:
+    """Return whether it is time to look if all contacts have converged: always for a single contact.
+
+    A device must finish all its work before the processor can see its flags, so those of a batch are seen now and then.
+    Contacts that have converged do not change meanwhile.
+    """
+    return unconverged.ndim == 2 or (iterations > 0 and iterations % ITERATIONS_UNSEEN == 0)
+
+
+def half_with_all_unconverged(flags: Bool[Array, " batch"]) -> ContactIndices | None:
     """Return the indices of half of the batch, rounded up, which contains all unconverged contacts.
 
-    None where more than half have not converged, where the batch is small, and for a single contact.
+    None where more than half have not converged, and where the batch is small.
     """
-    if unconverged.ndim == 2 or len(unconverged) <= MIN_CONTACTS_TO_SPLIT:
+    if len(flags) <= MIN_CONTACTS_TO_SPLIT:
         return None
-    flags = to_numpy(unconverged)[:, 0, 0] > 0
     half = -(-len(flags) // 2)
     return np.sort(np.argsort(~flags, kind="stable")[:half]) if flags.sum() <= half else None
 
@@ -136,9 +147,34 @@ def take_contacts(values: Any, indices: ContactIndices) -> Any:
     return xp.take(values, xp.asarray(indices, device=device(values)), axis=0)
 
 
-def put_contacts(values: Any, indices: ContactIndices, found: Any) -> Any:
+def put_contacts(indices: ContactIndices, values: Any, found: Any) -> Any:
     """Return a copy of the values of all contacts in which those of these contacts are replaced."""
     xp = array_namespace_of(values)
     merged = xp.asarray(values, copy=True)
     merged[xp.asarray(indices, device=device(values))] = found
     return merged
+
+
+def map_arrays(function: Callable[..., Any], value: Any, *others: Any) -> Any:
+    """Return a value in which the arrays, also those inside tuples and dataclasses, are replaced by those that a function returns.
+
+    function: is called with an array of the value and those at the same place in the others.
+    """
+    if is_dataclass(value):
+        parts = [[getattr(one, name.name) for one in (value, *others)] for name in fields(value)]
+        return type(value)(*(map_arrays(function, *part) for part in parts))  # type: ignore[misc]
+    if isinstance(value, tuple):
+        return tuple(map_arrays(function, *part) for part in zip(value, *others, strict=True))
+    return function(value, *others) if hasattr(value, "ndim") else value
+
+
+def flatten(value: Any) -> Iterator[Any]:
+    """Yield the arrays and plain values inside nested tuples and dataclasses, in the order in which `map_arrays` finds them."""
+    if is_dataclass(value):
+        for name in fields(value):
+            yield from flatten(getattr(value, name.name))
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from flatten(part)
+    else:
+        yield value

@@ -236,18 +236,14 @@ class _BilinearLookup:
 
     def sample(self, fields: _Fields) -> _Sampled:
         """Return the values of many fields at the same positions."""
-        xp, many = array_namespace_of(fields), fields.shape[0]
-        flat, shape = xp.reshape(fields, (many, -1)), (many, *self.along.shape)
-        return self._interpolate(
-            *(xp.reshape(xp.take(flat, xp.reshape(corner, (-1,)), axis=1), shape) for corner in self.corners)
-        )
+        flat = array_namespace_of(fields).reshape(fields, (fields.shape[0], -1))
+        return self._interpolate(*(flat[:, corner] for corner in self.corners))
 
     def sample_each(self, fields: _Fields) -> _Sampled:
         """Return the values of each field at positions of its own."""
-        xp, (many, height, width) = array_namespace_of(fields), fields.shape
-        flat, start = xp.reshape(fields, (-1,)), xp.arange(many, device=device(fields)) * (height * width)
-        indices = (corner + start[:, None, None] for corner in self.corners)
-        return self._interpolate(*(xp.reshape(xp.take(flat, xp.reshape(k, (-1,)), axis=0), k.shape) for k in indices))
+        xp, many = array_namespace_of(fields), fields.shape[0]
+        flat, each = xp.reshape(fields, (many, -1)), xp.arange(many, device=device(fields))[:, None, None]
+        return self._interpolate(*(flat[each, corner] for corner in self.corners))
 
     def _interpolate(self, upper: _Sampled, upper_right: _Sampled, lower: _Sampled, lower_right: _Sampled) -> _Sampled:
         """Return the bilinear mean of the four points around each position."""
@@ -262,7 +258,7 @@ def _bilinear_lookup(
     """Return the look-up of these columns and rows in periodic fields of this shape (rows, cols)."""
     xp, (height, width) = array_namespace_of(cols), shape
     first_col, first_row = xp.floor(cols), xp.floor(rows)
-    left, right = (xp.astype(first_col + step, xp.int64) % width for step in (0, 1))
-    upper, lower = (xp.astype(first_row + step, xp.int64) % height * width for step in (0, 1))
+    left, right = (xp.astype(first_col + step, xp.int32) % width for step in (0, 1))
+    upper, lower = (xp.astype(first_row + step, xp.int32) % height * width for step in (0, 1))
     corners = (upper + left, upper + right, lower + left, lower + right)
     return _BilinearLookup(corners, cols - first_col, rows - first_row)

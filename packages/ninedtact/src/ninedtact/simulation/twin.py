@@ -120,7 +120,7 @@ class Press:
 
     @cached_property
     def _numbers(self) -> Float64[Array, "*batch 10"]:
-        """The wrench (N, N·m), linear load, points under pressure, indentation and stiffening, summed where the fields are."""
+        """The wrench (N, N·m), linear load, points under pressure, indentation and stiffening."""
         solved, xp = self.solved, array_namespace_of(self.solved.height_mm)
         pressed, pressure = solved.pressure_mpa > 0, sum_over_grid(solved.pressure_mpa)
         ratio = sum_over_grid(self.corrected.pressure_mpa) / xp.where(pressure > 0, pressure, 1.0)
@@ -128,7 +128,7 @@ class Press:
         points = xp.astype(sum_over_grid(pressed), deepest.dtype)
         each = to_numpy(xp.concat((points, deepest, xp.where(pressure > 0, ratio, 1.0)), axis=-1))[..., 0, :]
         linear_n = sum_over_grid(xp.astype(solved.pressure_mpa, xp.float64)) * solved.skin.grid.cell_area_mm2
-        six = self.corrected.wrenches() if solved.pose.batch_shape else self.corrected.wrench().six
+        six = to_numpy(self.corrected.wrenches()) if solved.pose.batch_shape else self.corrected.wrench().six
         return np.concatenate([six, to_numpy(linear_n)[..., 0], each], axis=-1)
 
     def on_skin(self, skin: Skin) -> "Press":

@@ -1,0 +1,337 @@
+"""Environments per second on a GPU: contacts with friction's memory and their wrenches, alone and with images, all on the device.
+
+A ball is pressed, dragged, twisted and tilted in every environment of a `TwinBatch`, each in its own way, on the gel of a simulated
+sensor at finite strain on a base that yields. Beside the rates: what one step costs in operations, launches, waits of the processor
+and copies; how far the batch is from the CPU's presses, and a coarser grid from the finest; and sessions of `ninedtact simulate
+dataset`, which are of many sensors and objects. Without a GPU, torch does the same on the CPU, whose rates say nothing of a GPU.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from time import perf_counter
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+import tyro
+from figures import Figure, answer, at_least, at_most, shown
+from jaxtyping import Float64
+from numpy import ndarray as Array
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from ninedtact.mechanics.contact_model import SolverSettings
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.twin import Press
+from ninedtact.simulation.twin_batch import TwinBatch
+from ninedtact_train.batched.executor import BatchExecutor, run_sessions
+from ninedtact_train.batched.session_requests import (
+    Device,
+    RenderRequest,
+    SimulatedSetup,
+    StepRequest,
+    choose_compute_device,
+    is_out_of_memory,
+)
+from ninedtact_train.collecting.training_pair_rule import PairKindShares, SamplingRuleSettings
+from ninedtact_train.dataset.generation.generate import make_simulated_sensor
+from ninedtact_train.dataset.generation.press_session import SimulatedPressSession
+from ninedtact_train.dataset.generation.settings import GenerationSettings
+
+ENVIRONMENTS, PITCHES_MM = (64, 256, 1024, 4096, 16384), (0.2, 0.3, 0.4)
+SIZES = {"120x160": (160, 120), "172x230": (230, 172), "345x460": (460, 345)}
+"""Sizes of images as (cols, rows)."""
+REQUIRED = {(4096, 0.4, "120x160"): 10_000.0, (4096, 0.2, "345x460"): 5_000.0}
+SESSIONS_REQUIRED = 500.0
+WARM_UP, WRENCH_SHARE, IMAGE_GREY = 6, 0.01, 0.1
+"""Steps that do not count; and the largest differences from the CPU's press: wrench by load, and RMS of the image."""
+ROUND = 60
+"""Steps of the motion until it repeats itself."""
+EVERY = SamplingRuleSettings(contact_below_n=-1e-9, first_below_n=(-1e-9, -1e-9), min_difference=1e-9)
+
+
+def gpu_throughput(
+    device: str = "auto",
+    environments: tuple[int, ...] = ENVIRONMENTS,
+    pitches_mm: tuple[float, ...] = PITCHES_MM,
+    sizes: tuple[str, ...] = tuple(SIZES),
+    seconds: float = 1.5,
+    sessions: int = 256,
+    quick: bool = False,
+    json: bool = False,
+) -> None:
+    """Measure. device: as `ninedtact simulate dataset` takes it. seconds: of one row."""
+    chosen = choose_compute_device(device)
+    chosen = chosen if chosen.kind == "cuda" else Device("torch-cpu")
+    if quick:
+        environments, pitches_mm, sizes, seconds, sessions = (2,), (0.6, 0.8), ("120x160",), 0.0, 2
+    torch.set_num_threads(1)
+    gpu = chosen.kind == "cuda"
+    name = torch.cuda.get_device_name(chosen.name) if gpu else "CPU, 1 thread; no GPU here, these are no figures of one"
+    figures = [Figure("device", f"{name}; torch {torch.__version__}")]
+    parts = (
+        accuracy(chosen, pitches_mm, 2 if quick else 16, 4 if quick else ROUND),
+        *(rates(chosen, many, pitch, sizes, seconds) for pitch in pitches_mm for many in environments),
+        cost_of_a_step(chosen, environments[-1], pitches_mm[-1]),
+        sessions_rate(chosen, sessions, quick),
+    )
+    for part in parts:
+        for figure in part:
+            figures.append(figure)
+            print(figure.figure, shown(figure.measured), shown(figure.peer), flush=True)
+    answer("Environments per second, all on one device", figures, json)
+
+
+@lru_cache
+def setup_at(pitch_mm: float, size: str) -> SimulatedSetup:
+    """Return the first simulated sensor whose gel is at finite strain on a base that yields."""
+    settings = GenerationSettings(1, pitch_mm=pitch_mm, size=SIZES[size])
+    number = next(number for number in range(99) if settings.sensor_parameters(number).kind == "layered")
+    return make_simulated_sensor(number, settings)
+
+
+def poses_at(step: int, many: int) -> Float64[Array, "batch 6"]:
+    """Return the poses of all environments at a step: down, across in a circle with twist and tilt, and up again."""
+    phase = 2 * np.pi * (step / ROUND + np.arange(many) * 0.618 % 1)
+    turn = np.arange(many) * 2.4
+    depth_mm = 0.55 - 0.65 * np.cos(phase)
+    tilt = 0.04 * np.sin(phase)
+    x_mm, y_mm = 1.5 * np.cos(turn + 0.5 * np.sin(phase)), 1.5 * np.sin(turn + 0.5 * np.sin(phase))
+    return np.stack([x_mm, y_mm, depth_mm, 0.2 * np.sin(phase), tilt * np.cos(turn), tilt * np.sin(turn)], axis=1)
+
+
+@dataclass
+class Motion:
+    """A batch and the step of its motion."""
+
+    device: Device
+    many: int
+    pitch_mm: float
+    size: str = "120x160"
+    step: int = 0
+    batch: TwinBatch = field(init=False)
+
+    def __post_init__(self) -> None:
+        setup = setup_at(self.pitch_mm, self.size)
+        on = self.device.name if self.device.kind == "cuda" else "cpu"
+        ball = indenter_from_name("ball:4")
+        self.batch = TwinBatch(setup.twin, [ball] * self.many, on, setup.renderer.renderer)
+
+    def next(self) -> Press:
+        """Return the presses of the next step."""
+        poses = torch.from_numpy(poses_at(self.step, self.many)).to(self.batch.device)
+        self.step += 1
+        press = self.batch.step(poses)
+        press.corrected.wrenches()
+        return press
+
+    def wait(self) -> None:
+        """Wait until the device has done all that it was given."""
+        if self.device.kind == "cuda":
+            torch.cuda.synchronize()
+
+
+def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seconds: float) -> Iterator[Figure]:
+    """Yield environment steps per second: contact and wrench alone, and with an image of each size."""
+    name = f"{many} environments, {pitch_mm:g} mm"
+    device.release_memory()
+    try:
+        motion = Motion(device, many, pitch_mm, sizes[0])
+        for _ in range(WARM_UP if seconds else 1):
+            press = motion.next()
+        step_s, press = timed(motion, motion.next, seconds)
+        refused = int(motion.batch.refused.sum())
+        yield Figure(
+            f"{name}: contact and wrench per s", many / step_s, peer=f"{1e3 * step_s:.3g} ms, {refused} refused"
+        )
+        for size in sizes:
+            batch = motion.batch
+            vars(batch).pop("_renderer", None), vars(batch).pop("_reference", None)
+            batch.renderer = setup_at(pitch_mm, size).renderer.renderer
+            batch.images(press)
+            image_s, _ = timed(motion, lambda batch=batch: batch.images(press), seconds / 3)
+            each = f"{name}, with image {size} per s"
+            required, per_s = REQUIRED.get((many, pitch_mm, size)), many / (step_s + image_s)
+            took = f"image {1e3 * image_s:.3g} ms"
+            if required and device.kind == "cuda":
+                yield at_least(each, per_s, required, "per s")
+            else:
+                yield Figure(each, per_s, peer=took)
+        if device.kind == "cuda":
+            yield Figure(f"{name}: memory, GB", torch.cuda.max_memory_allocated() / 1e9)
+            torch.cuda.reset_peak_memory_stats()
+    except RuntimeError as error:
+        if not is_out_of_memory(error):
+            raise
+        yield Figure(name, "out of memory")
+
+
+def timed(motion: Motion, call: Any, seconds: float) -> tuple[float, Any]:
+    """Return the mean time of a call, repeated for some seconds, and what it returned last."""
+    motion.wait()
+    start, calls = perf_counter(), 0
+    while not calls or perf_counter() - start < seconds:
+        found = call()
+        motion.wait()
+        calls += 1
+    return (perf_counter() - start) / calls, found
+
+
+def accuracy(device: Device, pitches_mm: Sequence[float], many: int, steps: int) -> Iterator[Figure]:
+    """Yield the differences from the CPU's presses on the finest grid, and of each coarser grid from it."""
+    finest, size = pitches_mm[0], "120x160"
+    motions = {pitch: Motion(device, many, pitch) for pitch in pitches_mm}
+    setup, alone = setup_at(finest, size), [None] * many
+    exact = replace(setup.twin, solver_settings=SolverSettings(tolerance=1e-3, must_converge=False))
+    wrong: dict[str, list[float]] = {}
+    for step in range(steps):
+        poses = poses_at(step, many)
+        presses = {pitch: motion.next() for pitch, motion in motions.items()}
+        images = {
+            pitch: motion.batch._renderer.brightness_factors(presses[pitch].corrected) * motion.batch._reference
+            for pitch, motion in motions.items()
+        }
+        images = {pitch: image.cpu().numpy() for pitch, image in images.items()}
+        six = {pitch: press.corrected.wrenches().cpu().numpy() for pitch, press in presses.items()}
+        for k in range(many):
+            alone[k] = exact.press(alone[k], indenter_from_name("ball:4"), Pose(*poses[k]))
+            load_n = max(-alone[k].wrench.six[2], 0.5)
+            truth = cv2.cvtColor(setup.renderer.renderer.render_without_noise(alone[k].corrected), cv2.COLOR_BGR2GRAY)
+            found = (
+                (
+                    f"{finest:g} mm from exact presses on the CPU",
+                    six[finest][k],
+                    images[finest][k],
+                    alone[k].wrench.six,
+                    truth,
+                ),
+            )
+            for pitch in pitches_mm[1:]:
+                each = six[pitch][k], images[pitch][k], six[finest][k], images[finest][k]
+                found += ((f"{pitch:g} mm from {finest:g} mm", *each),)
+            for name, wrench, image, wanted, seen in found:
+                wrong.setdefault(f"{name}: force, share of the load", []).append(
+                    float(np.abs(wrench - wanted)[:3].max() / load_n)
+                )
+                wrong.setdefault(f"{name}: image, grey levels RMS", []).append(
+                    float(np.sqrt(np.mean((image - seen) ** 2)))
+                )
+    for name, values in wrong.items():
+        largest, said = float(np.max(values)), f"median {np.median(values):.2g}; {many} x {steps} steps"
+        if "CPU" in name and steps >= ROUND:
+            yield at_most(f"{name}, largest", largest, WRENCH_SHARE if "force" in name else IMAGE_GREY, "")
+        else:
+            yield Figure(f"{name}, largest", largest, peer=said)
+
+
+class Counting(TorchDispatchMode):
+    """Counts the operations of torch, the bytes that they read and write, and the looks at values, for which a device must stop."""
+
+    VIEWS = frozenset(
+        ("view", "_unsafe_view", "slice", "select", "unsqueeze", "squeeze", "expand", "permute", "transpose")
+    )
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count: Counter[str] = Counter()
+
+    def __torch_dispatch__(self, operation: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        found, name = operation(*args, **(kwargs or {})), operation.overloadpacket.__name__
+        if name in ("_local_scalar_dense", "nonzero"):
+            self.count["looks"] += 1
+        if name not in self.VIEWS:
+            self.count["operations"] += 1
+            self.count["bytes"] += size_bytes(args) + size_bytes(found)
+        if name == "_fft_c2r":
+            self.count["transformed"] += found.numel()
+        return found
+
+
+def size_bytes(values: Any) -> int:
+    """Return the size of all arrays among values."""
+    if isinstance(values, (list, tuple)):
+        return sum(map(size_bytes, values))
+    return values.numel() * values.element_size() if hasattr(values, "element_size") else 0
+
+
+def cost_of_a_step(device: Device, many: int, pitch_mm: float) -> Iterator[Figure]:
+    """Yield what one step costs: counted as torch's operations, and on a GPU by its profiler, where graphs are replayed."""
+    many = min(many, 4096)
+    motion = Motion(device, many, pitch_mm)
+    for _ in range(3):
+        motion.next()
+    with Counting() as counting:
+        motion.next()
+    count, name = counting.count, f"one step of {many}, {pitch_mm:g} mm"
+    points = motion.batch.twin.model.skin.grid.positions_mm[0].size
+    yield Figure(f"{name}: operations started one by one", count["operations"])
+    yield Figure(f"{name}: looks at values", count["looks"])
+    yield Figure(f"{name}: read and written by them per environment, MB", count["bytes"] / many / 1e6)
+    yield Figure(f"{name}: transforms of the whole grid by them, per environment", count["transformed"] / points / many)
+    if device.kind != "cuda":
+        return
+    from torch.profiler import ProfilerActivity, profile
+
+    with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as seen:
+        start = perf_counter()
+        press = motion.next()
+        motion.wait()
+        middle = perf_counter()
+        motion.batch.images(press)
+        motion.wait()
+        end = perf_counter()
+    yield Figure(f"{name}: wall ms, image", 1e3 * (middle - start), peer=f"{1e3 * (end - middle):.1f}")
+    events = seen.key_averages()
+    for event in ("cudaLaunchKernel", "cudaGraphLaunch", "cudaStreamSynchronize", "cudaMemcpyAsync", "Memcpy DtoH"):
+        yield Figure(f"{name}: {event}", sum(one.count for one in events if one.key.startswith(event)))
+    kernels = [one for one in events if one.device_type == torch.autograd.DeviceType.CUDA]
+    busy = sorted(kernels, key=lambda one: -one.self_device_time_total)
+    yield Figure(f"{name}: GPU busy, image included, ms", sum(one.self_device_time_total for one in kernels) / 1e3)
+    for one in busy[:12]:
+        print(f"    {one.self_device_time_total / 1e3:9.2f} ms {one.count:6d}  {one.key[:90]}", flush=True)
+
+
+def sessions_rate(device: Device, many: int, quick: bool) -> Iterator[Figure]:
+    """Yield contacts per second of sessions of `ninedtact simulate dataset`: solved and rendered, and with all else."""
+    settings = GenerationSettings(
+        1000 * many, sensors=min(20, many), session_pairs=1000, shares=PairKindShares(0, 0), rule=EVERY
+    )
+    if quick:
+        settings = replace(settings, pitch_mm=0.6, size=(64, 48), sensors=1)
+    setups = {number: make_simulated_sensor(number, settings) for number in range(settings.sensors)}
+    executor, seconds, done = BatchExecutor(setups, device, many, print), 0.0, Counter()
+    execute = executor.execute
+
+    def timed_execute(requests: Sequence[StepRequest | RenderRequest]) -> list[Any]:
+        nonlocal seconds
+        start = perf_counter()
+        responses = execute(requests)
+        seconds += perf_counter() - start
+        done[type(requests[0])] += sum(
+            isinstance(requests[0], RenderRequest) or isinstance(one, Press) for one in responses
+        )
+        return responses
+
+    executor.execute = timed_execute  # type: ignore[method-assign]
+    sessions = [SimulatedPressSession(number, settings, setups[number % len(setups)]) for number in range(many)]
+    running = run_sessions({one.number: one.requests() for one in sessions}, executor, 4)
+    for _ in range(1 if quick else 12):
+        next(running)
+    seconds, start = 0.0, perf_counter()
+    done.clear()
+    for _ in range(2 if quick else 16):
+        next(running)
+    all_s, steps = perf_counter() - start, max(done[StepRequest], 1)
+    name = f"{many} sessions of a data set, contacts"
+    if device.kind == "cuda":
+        yield at_least(f"{name} solved and rendered per s", steps / seconds, SESSIONS_REQUIRED, "per s")
+    else:
+        yield Figure(f"{name} solved and rendered per s", steps / seconds)
+    yield Figure(f"{name}, with motion, noise and PNG per s", steps / all_s)
+
+
+if __name__ == "__main__":
+    tyro.cli(gpu_throughput)
