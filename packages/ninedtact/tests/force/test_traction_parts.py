@@ -22,6 +22,9 @@ from ninedtact.force.traction.observation import (
     brightness_law_of_curve,
     cell_grid_over_image,
 )
+from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.finite_strain import correct_for_finite_strain
+from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
@@ -77,6 +80,25 @@ def test_thinning_is_told_from_the_height_of_skin_under_pressure(ratio: float) -
     pressed = forward.deform(tractions)
     found = forward.thickness_change_mm(pressed.height_mm)
     np.testing.assert_allclose(found, pressed.thickness_change_mm, atol=1e-4)
+
+
+def test_thickness_at_finite_strain_is_that_of_the_twin() -> None:
+    """But for what the skin carries along, which a base that yields does not have."""
+    gel = replace(GEL, finite_strain=1.0, gel_to_base_modulus_ratio=0.12)
+    row, col = np.mgrid[0 : CELLS.patch.rows, 0 : CELLS.patch.cols]
+    tractions = np.zeros((3, *CELLS.patch.shape), np.float32)
+    under = (row - 10) ** 2 + (col - 12) ** 2 < 5**2
+    tractions[:, under] = np.array([3.0, 1.5, -0.5], np.float32)[:, None]
+    found = ForwardModel(CELLS, gel, 0.6).deform(tractions[:, : CELLS.rows, : CELLS.cols])
+    skin, (pressure, shear) = gel_skin(CELLS.patch, gel), spread_over_cells(tractions)
+    height_mm, tangential_mm = skin.operators.displacement_mm(pressure, shear)
+    linear = Contact(
+        skin, Pose(), np.where(under, pressure, 0), np.where(under, shear, 0), height_mm, tangential_mm, 1.0
+    )
+    true_mm = correct_for_finite_strain(linear).thickness_change_mm
+    straight_mm = linear.thickness_change_mm
+    off_mm = np.abs(found.thickness_change_mm - true_mm)
+    assert off_mm.max() < 0.1 * np.abs(true_mm - straight_mm).max()
 
 
 def spread_over_cells(tractions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
