@@ -92,6 +92,10 @@ class LensFit:
         return float(np.sqrt(gradient @ covariance @ gradient))
 
 
+_INITIAL_RADIAL = 0.1
+"""Without distortion its centre has no derivative, and a search that starts there may stay there."""
+
+
 def fit_lens(points_mm: Points, points_px: Points, near: LensModel) -> LensFit:
     """Return the lens model that best predicts left-out pins; radial terms are added only as long as they reduce that error.
 
@@ -139,8 +143,8 @@ def with_radial_term_count(lens: LensModel, terms: int) -> LensModel:
 
 
 def _fit_affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int, int], terms: int) -> LensModel:
-    """Return the best lens without distortion."""
-    straight = LensModel((), (0.0, 0.0), (0.0,) * terms, (0.0, 0.0), raw_shape)
+    """Return the best lens without distortion, but for a first radial term from which a search can start."""
+    straight = LensModel((), (0.0, 0.0), (_INITIAL_RADIAL, *(0.0,) * (terms - 1)), (0.0, 0.0), raw_shape)
     units = (points_px - straight.middle_px) / straight.unit_px
     rows = np.linalg.lstsq(np.column_stack([points_mm, np.ones(len(points_mm))]), units, rcond=None)[0].T
     return replace(straight, homography=(*rows.ravel().tolist(), 0.0, 0.0))
