@@ -54,10 +54,10 @@ def test_presses_share_gel_and_view_and_nothing_else() -> None:
 
 def test_a_base_far_from_the_usual_one_is_rare_and_not_excluded() -> None:
     prior = prior_of_base(Gel())
-    near, slope = prior.residual(0.05)
-    assert near == pytest.approx(0.25, rel=0.02) and slope == pytest.approx(25, rel=0.05)
+    near, slope = prior.residual(0.06)
+    assert near == pytest.approx(0.25, rel=0.02) and slope == pytest.approx(12.5, rel=0.05)
     far, slope = prior.residual(0.333)
-    assert 2.5 < far < 3.5, "seven standard deviations of a normal prior would outweigh any image"
+    assert 2.0 < far < 2.5, "nearly four standard deviations of a normal prior would outweigh many an image"
     assert slope == pytest.approx((prior.residual(0.334)[0] - far) / 1e-3, rel=0.01)
     assert prior.residual(0.0)[0] == -prior.residual(0.08)[0]
 
@@ -99,9 +99,8 @@ def test_a_base_that_is_rigid_by_design_leaves_no_doubt_of_it() -> None:
 def test_the_plan_is_printed_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "--plan", "--json", "--out", str(tmp_path / "new")]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert (
-        said["subject"] == "the design" and len(said["candidates"]) >= 8 and said["best"].startswith("ball of radius")
-    )
+    assert said["subject"] == "the design" and len(said["candidates"]) >= 8
+    assert "ball" in said["best"], "a ball can be given to the command"
     assert not (tmp_path / "new").exists()
 
 
