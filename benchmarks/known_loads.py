@@ -73,6 +73,8 @@ def known_loads(
         save_sensor(twins[0].folder, calibrated("sensor_a", "physics"))  # it is another sensor, but calibrated sooner
     cases = (MODULUS, "1 load") if quick else tuple(CASES)
     results = dict(run_jobs(judge, [(twin, cases) for twin in twins], workers))
+    twins = [twin for n, twin in enumerate(twins) if results[n]]  # the others cannot be calibrated
+    results = [row for _, row in sorted(results.items()) if row]
     print(f"{'base':>14s} {'case':14s}  skill mean worst | slope from to | within 1σ 2σ | punch | base")
     for ratio in (*ratios, None):
         rows = [
@@ -92,9 +94,12 @@ def twin_on_base(name: str, ratio: float, presses: int, out: Path) -> TwinOnBase
 
 
 def judge(twin: TwinOnBase, cases: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
-    """Return the row of each case; calibrations and presses are made where their files are missing."""
+    """Return the row of each case, none where the calibration is refused; calibrations and presses are made where their files are
+    missing."""
     if not (twin.folder / SENSOR_FILE).is_file():
         calibrate_twin(twin.member, twin.folder)
+    if not (twin.folder / SENSOR_FILE).is_file():
+        return {}
     for file, make in ((twin.presses, make_random_presses), (twin.weighed, make_weighed_presses)):
         if not file.is_file():
             make(twin, file)

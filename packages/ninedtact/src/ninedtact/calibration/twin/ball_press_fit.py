@@ -60,7 +60,7 @@ RELATIVE_THICKNESS_STD = 0.22
 MODULUS_RATIO_STD = 0.08
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a rigid
 base to one eight times as stiff as the gel."""
-MODULUS_RATIO_MODEL_STD = 0.04
+MODULUS_RATIO_MODEL_STD = 0.06
 """Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within
 its error move the result by as much."""
 SEARCHED_BASES = (1e-3, 0.05, 0.1, 0.2, 0.3)
