@@ -143,10 +143,12 @@ def best_constants(name: str, pairs: list[Pair]) -> list[Figure]:
         weight = 1 / np.sqrt(np.maximum(radius_mm[free], 1.0))
         linear = pair.linear
         pressure = linear.pressure_mpa
-        pressed_mm = -linear.skin.operators.indentation_from_pressure_mm(pressure)
-        pressed_mm = pressed_mm - linear.skin.interface_height_mm(pressure, 0 * linear.shear_mpa)
-        deepest_mm = -linear.thickness_change_mm.min()
-        terms = finite_strain_thickening_terms_mm(pressed_mm, deepest_mm, linear.skin.gel, GRID, linear.tangential_mm)
+        change_by_pressure_mm = -linear.skin.operators.indentation_from_pressure_mm(pressure)
+        change_by_pressure_mm = change_by_pressure_mm - linear.skin.interface_height_mm(pressure, 0 * linear.shear_mpa)
+        greatest_thinning_mm = -linear.thickness_change_mm.min()
+        terms = finite_strain_thickening_terms_mm(
+            change_by_pressure_mm, greatest_thinning_mm, linear.skin.gel, GRID, linear.tangential_mm
+        )
         rows.append(np.stack([term[free] * weight for term in terms], axis=1))
         wanted.append((pair.thickness_change_mm(radius_mm) - linear.thickness_change_mm)[free] * weight)
     found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]

@@ -41,10 +41,12 @@ def correct_for_finite_strain(contact: Contact) -> Contact:
     xp = array_namespace_of(contact.pressure_mpa)
     stiffening = finite_strain_stiffening(contact.height_mm, contact.thickness_change_mm, gel)
     pressure, shear = contact.pressure_mpa * stiffening, contact.shear_mpa * stiffening[..., None, :, :]
-    pressed_mm = -skin.operators.indentation_from_pressure_mm(contact.pressure_mpa)
-    pressed_mm = pressed_mm - skin.interface_height_mm(contact.pressure_mpa, 0 * shear)
-    deepest_mm = xp.max(xp.max(-contact.thickness_change_mm, axis=-1, keepdims=True), axis=-2, keepdims=True)
-    thickening_mm = finite_strain_thickening_mm(pressed_mm, deepest_mm, gel, skin.grid, contact.tangential_mm)
+    change_by_pressure_mm = -skin.operators.indentation_from_pressure_mm(contact.pressure_mpa)
+    change_by_pressure_mm = change_by_pressure_mm - skin.interface_height_mm(contact.pressure_mpa, 0 * shear)
+    greatest_thinning_mm = xp.max(xp.max(-contact.thickness_change_mm, axis=-1, keepdims=True), axis=-2, keepdims=True)
+    thickening_mm = finite_strain_thickening_mm(
+        change_by_pressure_mm, greatest_thinning_mm, gel, skin.grid, contact.tangential_mm
+    )
     around_mm = contact.thickness_change_mm + gel.finite_strain * thickening_mm
     around_mm = around_mm + skin.operators.bulge_from_shear_mm(shear - contact.shear_mpa)
     around_mm = around_mm + skin.interface_height_mm(pressure, contact.shear_mpa)
@@ -74,16 +76,20 @@ def finite_strain_stiffening(height_mm: ScalarField, thickness_change_mm: Scalar
 
 
 def finite_strain_thickening_mm(
-    pressed_mm: ScalarField, deepest_mm: Any, gel: Gel, grid: PeriodicGrid, tangential_mm: VectorField | None = None
+    change_by_pressure_mm: ScalarField,
+    greatest_thinning_mm: Any,
+    gel: Gel,
+    grid: PeriodicGrid,
+    tangential_mm: VectorField | None = None,
 ) -> ScalarField:
     """Return by how much the gel around an object is thicker at full finite strain than that of the linear layer.
 
-    What pressure thickens, b (`pressed_mm`, the change of thickness by pressure alone, where it is above zero), grows near the
-    object and shrinks far from it, and on a rigid base is carried along by the skin that is pushed outwards: g s b − r s G(b) −
-    t ∇·(b u). s is the greatest thinning (`deepest_mm`) over the thickness, u the tangential displacement and G a Gaussian mean
-    over one thickness. Without u the last term is left out.
+    What pressure thickens, b (`change_by_pressure_mm`, the change of thickness by pressure alone, where it is above zero), grows
+    near the object and shrinks far from it, and on a rigid base is carried along by the skin that is pushed outwards:
+    g s b − r s G(b) − t ∇·(b u). s is `greatest_thinning_mm` over the thickness, u the tangential displacement and G a Gaussian
+    mean over one thickness. Without u the last term is left out.
     """
-    terms = finite_strain_thickening_terms_mm(pressed_mm, deepest_mm, gel, grid, tangential_mm)
+    terms = finite_strain_thickening_terms_mm(change_by_pressure_mm, greatest_thinning_mm, gel, grid, tangential_mm)
     constants = (
         float(np.interp(gel.gel_to_base_modulus_ratio, MODULUS_RATIOS, each))
         for each in (GROWTH, REDISTRIBUTION, TRANSPORT)
@@ -92,16 +98,20 @@ def finite_strain_thickening_mm(
 
 
 def finite_strain_thickening_terms_mm(
-    pressed_mm: ScalarField, deepest_mm: Any, gel: Gel, grid: PeriodicGrid, tangential_mm: VectorField | None = None
+    change_by_pressure_mm: ScalarField,
+    greatest_thinning_mm: Any,
+    gel: Gel,
+    grid: PeriodicGrid,
+    tangential_mm: VectorField | None = None,
 ) -> tuple[ScalarField, ...]:
     """Return the terms of `finite_strain_thickening_mm` for constants of one: what thickens grows, spreads, is carried along."""
-    xp = array_namespace_of(pressed_mm)
-    thicker = xp.where(pressed_mm > 0, pressed_mm, 0 * pressed_mm)
+    xp = array_namespace_of(change_by_pressure_mm)
+    thicker = xp.where(change_by_pressure_mm > 0, change_by_pressure_mm, 0 * change_by_pressure_mm)
     wave_x, wave_y = grid.wave_vectors
     mean = np.exp(-(wave_x**2 + wave_y**2) * gel.thickness_mm**2 / 2)
     spectrum = forward_transform(thicker, grid.shape) * xp.asarray(mean, dtype=thicker.dtype, device=device(thicker))
     smooth = inverse_transform(spectrum, grid.shape, grid.shape)
-    strain = deepest_mm / gel.thickness_mm
+    strain = greatest_thinning_mm / gel.thickness_mm
     if tangential_mm is None:
         return strain * thicker, -strain * smooth
     carried = sum(

@@ -108,8 +108,8 @@ class ForwardModel:
         linear_mm = height_mm if gel.has_rigid_base else height_mm - self._to_skin(waves, self._interface_compliance)
         stiffening = finite_strain_stiffening(height_mm, linear_mm, gel)
         added = forward_transform(tractions * (stiffening[:rows, :cols] - 1), shape)
-        pressed_mm = self._to_skin(waves[:1], self.compliance[:1])
-        thickening_mm = finite_strain_thickening_mm(pressed_mm, -linear_mm.min(), gel, self.cells.patch)
+        change_by_pressure_mm = self._to_skin(waves[:1], self.compliance[:1])
+        thickening_mm = finite_strain_thickening_mm(change_by_pressure_mm, -linear_mm.min(), gel, self.cells.patch)
         around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[1:], self.compliance[1:])
         is_under = np.zeros(shape, bool)
         is_under[:rows, :cols] = tractions[0] > 0
