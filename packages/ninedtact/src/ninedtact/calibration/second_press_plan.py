@@ -18,10 +18,10 @@ from numpy import ndarray as Array
 from ninedtact.calibration.fit_tables import fitted_ball_press
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import (
-    MODULUS_RATIO_MODEL_STD,
     RELATIVE_THICKNESS_STD,
     prior_of_base,
 )
+from ninedtact.calibration.twin.base_search import MODULUS_RATIO_MODEL_STD
 from ninedtact.calibration.twin.fit_parameters import (
     FIT_PARAMETERS,
     NEARLY_RIGID,

@@ -18,6 +18,14 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_press import BallPress
 from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
+from ninedtact.calibration.twin.base_search import (
+    HELD_STD,
+    MODULUS_RATIO_MODEL_STD,
+    change_per_modulus_ratio,
+    on_coarse_grid,
+    starts_by_base,
+    sum_of_squares,
+)
 from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
     NEARLY_RIGID,
@@ -46,8 +54,6 @@ from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.calibration_press_models import (
-    COARSE_PITCH_MM,
-    COARSE_STEP_MM,
     BallPressModel,
     BallPressParameters,
     ParameterVector,
@@ -60,11 +66,6 @@ RELATIVE_THICKNESS_STD = 0.22
 MODULUS_RATIO_STD = 0.08
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a rigid
 base to one eight times as stiff as the gel."""
-MODULUS_RATIO_MODEL_STD = 0.06
-"""Standard deviation of the same that no single image of a ball can reduce: changes of the model of gel and light that are within
-its error move the result by as much."""
-SEARCHED_BASES = (1e-3, 0.05, 0.1, 0.2, 0.3)
-"""Moduli of the gel over that of its base from each of which a fit is tried."""
 TYPICAL_PARAMETERS = {
     "thickness_mm": 2.0,
     "point_spread_mm": 0.45,
@@ -81,10 +82,6 @@ gel) and does not determine the depth.
 """
 DRAG_PER_ASYMMETRY_MM = 3.0
 """Usual drag of a press per asymmetry of its bulge; used for the initial guess only."""
-_OTHER_BASE_TOLERANCE = 1e-2
-"""Tolerance of the fit with another base, whose difference is as small as an error of an error may be."""
-_HELD_STD = 1e-3
-"""Standard deviation of the prior that holds the base at another value."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +204,7 @@ class KnownBase:
     @property
     def held(self) -> ParameterPrior:
         """The prior that holds the base there."""
-        return ParameterPrior("gel_to_base_modulus_ratio", self.modulus_ratio, _HELD_STD)
+        return ParameterPrior("gel_to_base_modulus_ratio", self.modulus_ratio, HELD_STD)
 
 
 def fit_twin_to_ball_press(
@@ -242,9 +239,9 @@ def fit_twin_to_ball_press(
     priors = priors if base is None else (*priors, base.held)
     prior_terms = _make_prior_terms(design.gel, residual, sum(observations), priors)
     is_base_searched = not initial and base is None and not design.gel.has_rigid_base
-    starts = _starts_by_base(problem, start, prior_terms) if is_base_searched else (start,)
+    starts = starts_by_base(problem, start, prior_terms) if is_base_searched else (start,)
     fits = [fit_finely(problem, one, prior_terms) for one in starts]
-    problem, vector, jacobian = min(fits, key=lambda fit: _sum_of_squares(fit[0], fit[1], prior_terms))
+    problem, vector, jacobian = min(fits, key=lambda fit: sum_of_squares(fit[0], fit[1], prior_terms))
     coefficients, residual = problem.fit_linear_terms(vector)
     stacked = np.append(residual, prior_terms.residual(vector))
 
@@ -252,7 +249,7 @@ def fit_twin_to_ball_press(
         model_error = np.zeros_like(vector)
         base_std = MODULUS_RATIO_MODEL_STD * model_error_share(jacobian, problem.rows) if base is None else base.std
         if base_std > 0 and not design.gel.has_rigid_base:
-            model_error = base_std * _change_per_modulus_ratio(problem, vector, prior_terms)
+            model_error = base_std * change_per_modulus_ratio(problem, vector, prior_terms)
         return estimate_uncertainty(jacobian, residual, sum(observations), model_error)
 
     first, *others = split_by_press(vector)
@@ -315,41 +312,10 @@ def _search_from_circles(
     problem: JointPressProblem, presses: tuple[BallPress, ...], design: SensorDesign
 ) -> ParameterVector:
     """Return approximate parameters from the contact circles of all presses, by a search on a coarse grid."""
-    coarse = _on_coarse_grid(problem)
+    coarse = on_coarse_grid(problem)
     guesses = [_initial_guess(press, one.model.design) for press, one in zip(presses, coarse.presses, strict=True)]
     start = join_presses([BallPressParameters.from_vector(guess) for guess in guesses])
     return fit_coarsely(coarse, leave_some_gel(coarse, start)[0])
-
-
-def _starts_by_base(
-    problem: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms
-) -> tuple[ParameterVector, ...]:
-    """Return the two best of the fits with each of `SEARCHED_BASES`, on the coarse grid.
-
-    All other parameters follow the base along a curved valley with several minima, in the nearest of which a single fit ends.
-    """
-    coarse, vector, fits = _on_coarse_grid(problem), start, []
-    for ratio in SEARCHED_BASES:
-        vector = _best_with_base(coarse, vector, prior_terms, ratio)
-        fits.append(vector)
-    return tuple(sorted(fits, key=lambda one: _sum_of_squares(coarse, one, prior_terms))[:2])
-
-
-def _sum_of_squares(problem: JointPressProblem, vector: ParameterVector, prior_terms: PriorTerms) -> float:
-    """Return the sum of squares of residual and prior terms."""
-    return float(np.sum(problem.fit_linear_terms(vector)[1] ** 2) + np.sum(prior_terms.residual(vector) ** 2))
-
-
-def _best_with_base(
-    coarse: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms, ratio: float
-) -> ParameterVector:
-    """Return the best parameters with this base, from a start near by."""
-    others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_to_base_modulus_ratio")
-    held = ParameterPrior("gel_to_base_modulus_ratio", ratio, _HELD_STD)
-    start = start.copy()
-    start[BASE_INDEX] = ratio
-    start, _ = leave_some_gel(coarse, start)
-    return fit_finely(coarse, start, replace(prior_terms, priors=(*others, held)), _OTHER_BASE_TOLERANCE)[1]
 
 
 def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
@@ -372,32 +338,6 @@ def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
     return np.clip([guess[name] for name in PARAMETER_NAMES], lower + 1e-3, upper - 1e-3)
 
 
-def _change_per_modulus_ratio(
-    problem: JointPressProblem, vector: ParameterVector, prior_terms: PriorTerms
-) -> ParameterVector:
-    """Return how the best parameters change with the modulus of the gel over that of its base, from a fit with another base.
-
-    A difference over what is not known of the base says more than the derivative, because the fit is far from linear in it. Both
-    fits are made on the coarse grid, whose error they share.
-    """
-    coarse = _on_coarse_grid(problem)
-    fitted = float(vector[BASE_INDEX])
-    stiffer = fitted > MODULUS_RATIO_MODEL_STD / 2  # towards a rigid base the press changes most
-    other = max(fitted - MODULUS_RATIO_MODEL_STD, NEARLY_RIGID) if stiffer else fitted + MODULUS_RATIO_MODEL_STD
-    here = _best_with_base(coarse, vector, prior_terms, fitted)
-    there = _best_with_base(coarse, here, prior_terms, other)
-    return np.asarray((there - here) / (there[BASE_INDEX] - here[BASE_INDEX]))
-
-
-def _on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:
-    return JointPressProblem(
-        tuple(
-            BallPressProblem(one.observed, BallPressModel(one.model.design, COARSE_PITCH_MM, COARSE_STEP_MM))
-            for one in problem.presses
-        )
-    )
-
-
 def prior_of_base(gel: Gel) -> ParameterPrior:
     """Return what is known of the base before any image: most are far stiffer than the gel, and a few are not."""
     name = "gel_to_base_modulus_ratio"
@@ -411,6 +351,6 @@ def _make_prior_terms(
     thickness = ParameterPrior("thickness_mm", gel.thickness_mm, RELATIVE_THICKNESS_STD * gel.thickness_mm)
     base = prior_of_base(gel)
     if gel.has_rigid_base:  # by choice: a design without a layer that yields
-        base = ParameterPrior("gel_to_base_modulus_ratio", NEARLY_RIGID, _HELD_STD * NEARLY_RIGID)
+        base = ParameterPrior("gel_to_base_modulus_ratio", NEARLY_RIGID, HELD_STD * NEARLY_RIGID)
     grey_levels_per_std = float(np.sqrt(np.sum(residual**2) / observations))
     return PriorTerms((thickness, base, *priors), grey_levels_per_std)
