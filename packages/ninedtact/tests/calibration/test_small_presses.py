@@ -13,6 +13,7 @@ from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.calibration.twin.base_search import KnownBase
 from ninedtact.calibration.twin.fit_parameters import (
     PARAMETER_NAMES,
     FitUncertainty,
@@ -98,7 +99,9 @@ def as_drawn(problem: BallPressProblem, press: BallPressParameters = PRESS, loss
     correlation[2, 5] = correlation[5, 2] = -0.7
     correlation[2, 7] = correlation[7, 2] = 0.4
     uncertainty = FitUncertainty(90.0, deviations, correlation)
-    return TwinFit(problem, press, coefficients, np.full(problem.observed.count, -2.0), lambda: uncertainty, 1.5)
+    return TwinFit(
+        problem, press, coefficients, np.full(problem.observed.count, -2.0), uncertainty, KnownBase(0.02), 1.5
+    )
 
 
 def test_the_predicted_ball_is_what_is_drawn(change: np.ndarray) -> None:

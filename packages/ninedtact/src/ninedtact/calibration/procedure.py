@@ -224,9 +224,9 @@ def _alternate_board_and_ball(
         try:
             press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
             second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
-            # What the board tells of the view may lead to another base, which is searched anew.
-            initial = () if fits.board_press is None else twin.presses
-            ball = fit_ball_by_physics(press, design, board_press.priors, initial, second)
+            # What the board tells of the view may lead to another base, which is estimated anew once.
+            base = None if fits.board_press is None else twin.base
+            ball = fit_ball_by_physics(press, design, board_press.priors, twin.presses, second, base)
         except BallPressUnusable:
             return fits
         fits = CalibrationFits(refined, rectify, ball, board_press)

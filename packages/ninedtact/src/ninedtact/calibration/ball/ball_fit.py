@@ -31,7 +31,8 @@ from ninedtact.calibration.ball.contact_circle import (
     spherical_cap_height_mm,
 )
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
-from ninedtact.calibration.twin.ball_press_fit import KnownBase, TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
+from ninedtact.calibration.twin.base_search import KnownBase
 from ninedtact.calibration.twin.press_search import ParameterPrior
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import BaseDeflection

@@ -7,7 +7,6 @@ from the residual itself, and the design's gel thickness is added as one more ob
 observation has no weight.
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -19,12 +18,11 @@ from numpy import ndarray as Array
 from ninedtact.calibration.ball.ball_press import BallPress
 from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
 from ninedtact.calibration.twin.base_search import (
-    HELD_STD,
     MODULUS_RATIO_MODEL_STD,
+    KnownBase,
     change_per_modulus_ratio,
+    estimate_base,
     on_coarse_grid,
-    starts_by_base,
-    sum_of_squares,
 )
 from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
@@ -105,18 +103,15 @@ class TwinFit:
     """Level, slope of darkening and slope of brightening, solved linearly."""
     residual_grey_levels: Float[Array, " n"]
     """Observed minus predicted brightness at the observed points."""
-    estimate_uncertainty: Callable[[], FitUncertainty]
-    """Estimates the uncertainties, which takes two more fits; fits that are only on the way to the last one go without."""
+    uncertainty: FitUncertainty
+    """Standard deviations and correlations of the searched parameters."""
+    base: KnownBase
+    """What is known of the base of the gel."""
     duration_s: float
     further: tuple[FurtherPressFit, ...] = ()
     """The other presses that were fitted together with this one."""
     depth_std_share: float = 1.0
     """Standard deviation of the depth over that which this press would have alone."""
-
-    @cached_property
-    def uncertainty(self) -> FitUncertainty:
-        """Standard deviations and correlations of the searched parameters."""
-        return self.estimate_uncertainty()
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -192,21 +187,6 @@ class TwinFit:
         )
 
 
-@dataclass(frozen=True)
-class KnownBase:
-    """The base of a gel as known loads tell it, which the fit takes as it is."""
-
-    modulus_ratio: float
-    """Modulus of the gel over that of the base."""
-    std: float = 0.0
-    """Its standard deviation, which moves the other parameters along with it."""
-
-    @property
-    def held(self) -> ParameterPrior:
-        """The prior that holds the base there."""
-        return ParameterPrior("gel_to_base_modulus_ratio", self.modulus_ratio, HELD_STD)
-
-
 def fit_twin_to_ball_press(
     press: BallPress,
     design: SensorDesign,
@@ -236,22 +216,26 @@ def fit_twin_to_ball_press(
         effective_observation_count(one.observed.image(residual[rows]))
         for one, rows in zip(problem.presses, problem.rows, strict=True)
     ]
-    priors = priors if base is None else (*priors, base.held)
     prior_terms = _make_prior_terms(design.gel, residual, sum(observations), priors)
-    is_base_searched = not initial and base is None and not design.gel.has_rigid_base
-    starts = starts_by_base(problem, start, prior_terms) if is_base_searched else (start,)
-    fits = [fit_finely(problem, one, prior_terms) for one in starts]
-    problem, vector, jacobian = min(fits, key=lambda fit: sum_of_squares(fit[0], fit[1], prior_terms))
+    model_std = 0.0
+    if design.gel.has_rigid_base:  # by choice: a design without a layer that yields
+        base = KnownBase(NEARLY_RIGID)
+    elif base is None:
+        base, start = estimate_base(problem, start, prior_terms)
+        model_std = MODULUS_RATIO_MODEL_STD
+    held = base.hold(prior_terms)
+    start[BASE_INDEX] = max(base.modulus_ratio, NEARLY_RIGID)
+    problem, vector, jacobian = fit_finely(problem, leave_some_gel(problem, start)[0], held)
+    base = replace(base, std=float(np.hypot(base.std, model_std * model_error_share(jacobian, problem.rows))))
+    if base.std > 0 and base.change_per_ratio is None:
+        base = replace(base, change_per_ratio=change_per_modulus_ratio(problem, vector, held, base.std))
     coefficients, residual = problem.fit_linear_terms(vector)
-    stacked = np.append(residual, prior_terms.residual(vector))
-
-    def uncertainty() -> FitUncertainty:
-        model_error = np.zeros_like(vector)
-        base_std = MODULUS_RATIO_MODEL_STD * model_error_share(jacobian, problem.rows) if base is None else base.std
-        if base_std > 0 and not design.gel.has_rigid_base:
-            model_error = base_std * change_per_modulus_ratio(problem, vector, prior_terms)
-        return estimate_uncertainty(jacobian, residual, sum(observations), model_error)
-
+    moved_by_base = np.zeros_like(vector) if base.change_per_ratio is None else base.std * base.change_per_ratio
+    uncertainty = estimate_uncertainty(jacobian, residual, sum(observations), moved_by_base)
+    # What several images say of a radius, and one alone of the depth, depends on the base, which is free there.
+    open_terms = held if design.gel.has_rigid_base else prior_terms
+    stacked = np.append(residual, open_terms.residual(vector))
+    jacobian = np.vstack([jacobian[: problem.row_count], open_terms.jacobian(vector)])
     first, *others = split_by_press(vector)
     level, slopes, first_rows = coefficients[0], coefficients[len(presses) :], problem.rows[0]
     further_fits = (
@@ -269,6 +253,7 @@ def fit_twin_to_ball_press(
         np.array([level, *slopes]),
         residual[first_rows],
         uncertainty,
+        base,
         perf_counter() - start_s,
         tuple(further_fits),
         _depth_std_share(problem, jacobian, residual, observations, not design.gel.has_rigid_base),
@@ -350,7 +335,5 @@ def _make_prior_terms(
     """Return the design's thickness and base and other priors, each as one observation among this many independent ones."""
     thickness = ParameterPrior("thickness_mm", gel.thickness_mm, RELATIVE_THICKNESS_STD * gel.thickness_mm)
     base = prior_of_base(gel)
-    if gel.has_rigid_base:  # by choice: a design without a layer that yields
-        base = ParameterPrior("gel_to_base_modulus_ratio", NEARLY_RIGID, HELD_STD * NEARLY_RIGID)
     grey_levels_per_std = float(np.sqrt(np.sum(residual**2) / observations))
     return PriorTerms((thickness, base, *priors), grey_levels_per_std)

@@ -1,11 +1,18 @@
-"""The base of the gel in the fit of ball presses: fits with other bases, from which the search starts, and which tell how all other
-parameters follow the base."""
+"""The base of the gel in the fit of ball presses: what the images say of it, weighed over fits with several bases held, and how all
+other parameters follow it.
 
-from dataclasses import replace
+The sum of squares by the base is nearly flat, with side minima, and far from a parabola. The mean over the posterior of the base is
+therefore the estimate, and its spread the error, in place of the nearest minimum and the curvature there.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+from scipy.interpolate import PchipInterpolator
 
-from ninedtact.calibration.twin.fit_parameters import BASE_INDEX, NEARLY_RIGID
+from ninedtact.calibration.twin.fit_parameters import BASE_INDEX, NEARLY_RIGID, parameter_bounds
 from ninedtact.calibration.twin.press_search import (
     BallPressProblem,
     JointPressProblem,
@@ -21,63 +28,127 @@ from ninedtact.simulation.calibration_press_models import (
     ParameterVector,
 )
 
-MODULUS_RATIO_MODEL_STD = 0.06
+MODULUS_RATIO_MODEL_STD = 0.04
 """Standard deviation of the modulus of the gel over that of its base that no single image of a ball can reduce: changes of the
 model of gel and light that are within its error move the result by as much."""
-SEARCHED_BASES = (1e-3, 0.05, 0.1, 0.2, 0.3)
-"""Moduli of the gel over that of its base from each of which a fit is tried."""
-_OTHER_BASE_TOLERANCE = 1e-2
-"""Tolerance of the fit with another base, whose difference is as small as an error of an error may be."""
-HELD_STD = 1e-3
-"""Standard deviation of the prior that holds the base at another value."""
+_HELD_BASES = (NEARLY_RIGID, 0.05, 0.1, 0.2, 0.3)
+"""Moduli of the gel over that of its base with each of which the presses are fitted, in ascending order."""
+_SOFTEST_BASE = 0.35
+_EXCLUDED_CHI_SQUARE = 30.0
+"""Excess of chi-square over the best base above which softer ones are not tried."""
+_TOLERANCE = 1e-2
+"""Tolerance of the fits with a base held, which is as small as an error of an error may be."""
+_HELD_STD = 1e-3
+"""Standard deviation of the prior that holds the base at a value."""
 
 
-def starts_by_base(
+@dataclass(frozen=True)
+class KnownBase:
+    """The base of a gel as something else than the fitted images tells it, or as the images told it before."""
+
+    modulus_ratio: float
+    """Modulus of the gel over that of the base."""
+    std: float = 0.0
+    """Its standard deviation, which moves the other parameters along with it."""
+    change_per_ratio: Float[Array, " parameters"] | None = None
+    """How the best parameters change with the ratio; None where it is not known yet."""
+
+    def hold(self, prior_terms: PriorTerms) -> PriorTerms:
+        """Return the prior terms with one that holds the base in place of that of the base."""
+        others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_to_base_modulus_ratio")
+        return replace(
+            prior_terms,
+            priors=(*others, ParameterPrior("gel_to_base_modulus_ratio", self.modulus_ratio, _HELD_STD)),
+        )
+
+
+@dataclass(frozen=True)
+class _BaseProfile:
+    """The best parameters with each of several bases held."""
+
+    ratios: tuple[float, ...]
+    vectors: tuple[ParameterVector, ...]
+    chi_square: tuple[float, ...]
+    """Sums of squares, prior terms included, in units of the square of an independent observation's residual."""
+
+    def parameters_at(self, ratio: float) -> ParameterVector:
+        """Return the best parameters with a base, by linear interpolation."""
+        return np.array([np.interp(ratio, self.ratios, values) for values in np.array(self.vectors).T])
+
+    def posterior(self) -> tuple[float, float]:
+        """Return mean and standard deviation of the modulus ratio."""
+        last = self.chi_square[-1]
+        slope = (last - self.chi_square[-2]) / (self.ratios[-1] - self.ratios[-2])
+        end = last + max(slope, 0.0) * (_SOFTEST_BASE - self.ratios[-1])
+        ratio = np.linspace(0.0, _SOFTEST_BASE, 141)
+        chi_square = PchipInterpolator([*self.ratios, _SOFTEST_BASE], [*self.chi_square, end])(
+            np.maximum(ratio, self.ratios[0])
+        )
+        weight = np.exp(-(chi_square - chi_square.min()) / 2)
+        weight /= weight.sum()
+        mean = float(weight @ ratio)
+        return mean, float(np.sqrt(weight @ (ratio - mean) ** 2))
+
+
+def estimate_base(
     problem: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms
-) -> tuple[ParameterVector, ...]:
-    """Return the two best of the fits with each of `SEARCHED_BASES`, on the coarse grid.
-
-    All other parameters follow the base along a curved valley with several minima, in the nearest of which a single fit ends.
-    """
-    coarse, vector, fits = on_coarse_grid(problem), start, []
-    for ratio in SEARCHED_BASES:
-        vector = _best_with_base(coarse, vector, prior_terms, ratio)
-        fits.append(vector)
-    return tuple(sorted(fits, key=lambda one: sum_of_squares(coarse, one, prior_terms))[:2])
-
-
-def sum_of_squares(problem: JointPressProblem, vector: ParameterVector, prior_terms: PriorTerms) -> float:
-    """Return the sum of squares of residual and prior terms."""
-    return float(np.sum(problem.fit_linear_terms(vector)[1] ** 2) + np.sum(prior_terms.residual(vector) ** 2))
-
-
-def _best_with_base(
-    coarse: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms, ratio: float
-) -> ParameterVector:
-    """Return the best parameters with this base, from a start near by."""
-    others = tuple(prior for prior in prior_terms.priors if prior.name != "gel_to_base_modulus_ratio")
-    held = ParameterPrior("gel_to_base_modulus_ratio", ratio, HELD_STD)
-    start = start.copy()
-    start[BASE_INDEX] = ratio
-    start, _ = leave_some_gel(coarse, start)
-    return fit_finely(coarse, start, replace(prior_terms, priors=(*others, held)), _OTHER_BASE_TOLERANCE)[1]
+) -> tuple[KnownBase, ParameterVector]:
+    """Return what the images and the priors say of the base, and the best parameters with it, from a start near by."""
+    vector, chi_square = start, list[float]()
+    ratios, vectors, jacobian = list[float](), list[ParameterVector](), None
+    bounds = parameter_bounds(len(problem.presses))
+    for ratio in _HELD_BASES:
+        if len(vectors) > 1:  # on along the last change
+            share = (ratio - ratios[-1]) / (ratios[-1] - ratios[-2])
+            vector = np.clip(vectors[-1] + share * (vectors[-1] - vectors[-2]), *bounds)
+        problem, vector, jacobian = _fit_with_base(problem, vector, prior_terms, ratio, jacobian)
+        squares = np.sum(problem.fit_linear_terms(vector)[1] ** 2) + np.sum(prior_terms.residual(vector) ** 2)
+        ratios.append(ratio)
+        vectors.append(vector)
+        chi_square.append(float(squares) / prior_terms.grey_levels_per_std**2)
+        if chi_square[-1] > min(chi_square) + _EXCLUDED_CHI_SQUARE:
+            break
+    profile = _BaseProfile(tuple(ratios), tuple(vectors), tuple(chi_square))
+    mean, std = profile.posterior()
+    # A difference over what is not known of the base says more than a derivative, because the fit is far from linear in it.
+    reach = float(np.hypot(std, MODULUS_RATIO_MODEL_STD))
+    lower, upper = max(mean - reach, ratios[0]), min(mean + reach, ratios[-1])
+    change = (profile.parameters_at(upper) - profile.parameters_at(lower)) / (upper - lower)
+    mean = max(mean, NEARLY_RIGID)
+    return KnownBase(mean, std, change), profile.parameters_at(mean)
 
 
 def change_per_modulus_ratio(
-    problem: JointPressProblem, vector: ParameterVector, prior_terms: PriorTerms
+    problem: JointPressProblem, vector: ParameterVector, prior_terms: PriorTerms, reach: float
 ) -> ParameterVector:
     """Return how the best parameters change with the modulus of the gel over that of its base, from a fit with another base.
 
-    A difference over what is not known of the base says more than the derivative, because the fit is far from linear in it. Both
-    fits are made on the coarse grid, whose error they share.
+    reach: distance of the other base. Both fits are made on the coarse grid, whose error they share.
     """
     coarse = on_coarse_grid(problem)
     fitted = float(vector[BASE_INDEX])
-    stiffer = fitted > MODULUS_RATIO_MODEL_STD / 2  # towards a rigid base the press changes most
-    other = max(fitted - MODULUS_RATIO_MODEL_STD, NEARLY_RIGID) if stiffer else fitted + MODULUS_RATIO_MODEL_STD
-    here = _best_with_base(coarse, vector, prior_terms, fitted)
-    there = _best_with_base(coarse, here, prior_terms, other)
+    stiffer = fitted > reach / 2  # towards a rigid base the press changes most
+    other = max(fitted - reach, NEARLY_RIGID) if stiffer else fitted + reach
+    coarse, here, _ = _fit_with_base(coarse, vector, prior_terms, fitted)
+    _, there, _ = _fit_with_base(coarse, here, prior_terms, other)
     return np.asarray((there - here) / (there[BASE_INDEX] - here[BASE_INDEX]))
+
+
+def _fit_with_base(
+    problem: JointPressProblem,
+    start: ParameterVector,
+    prior_terms: PriorTerms,
+    ratio: float,
+    jacobian: Float[Array, "rows parameters"] | None = None,
+) -> tuple[JointPressProblem, ParameterVector, Float[Array, "rows parameters"]]:
+    """Return the best parameters with this base held, from a start near by, as `fit_finely` does.
+
+    jacobian: that of the fit with another base.
+    """
+    start = start.copy()
+    start[BASE_INDEX] = ratio
+    start, _ = leave_some_gel(problem, start)
+    return fit_finely(problem, start, KnownBase(ratio).hold(prior_terms), _TOLERANCE, jacobian)
 
 
 def on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:

@@ -39,6 +39,8 @@ FINE_TOLERANCE = 1e-4
 _DERIVATIVE_REUSE_REDUCTION = 1e-2
 """Predicted relative reduction of the sum of squares below which the derivatives by the parameters of the contact, which need a
 contact solution each, are reused in the next iteration."""
+_REUSE_TOLERANCES = 5
+"""The same in tolerances, for a search with a large one."""
 _STEP_LENGTHS = (1.0, 0.4, 0.15)
 """Fractions of a step (the step lengths of a line search) that are tried until one reduces the sum of squares."""
 _RIDGE = 1e-14
@@ -215,7 +217,11 @@ def leave_some_gel(problem: JointPressProblem, start: ParameterVector) -> tuple[
 
 
 def fit_finely(
-    problem: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms, tolerance: float = FINE_TOLERANCE
+    problem: JointPressProblem,
+    start: ParameterVector,
+    prior_terms: PriorTerms,
+    tolerance: float = FINE_TOLERANCE,
+    reused_jacobian: Float[Array, "rows parameters"] | None = None,
 ) -> tuple[JointPressProblem, ParameterVector, Float[Array, "rows parameters"]]:
     """Return the problem with the contacts of the last iteration as first guesses, the least-squares parameters with prior terms,
     and the last Jacobian of the residual, with one row for every prior. They are found from a start near by, by Gauss–Newton.
@@ -223,6 +229,8 @@ def fit_finely(
     The contacts are solved to a tolerance, so the sum of squares scatters from one vector to the next, and a search that waits for
     the smallest differences of it does not end. This one ends where the linearised problem predicts a smaller relative reduction
     than `tolerance`, or where no step length reduces the sum of squares.
+
+    reused_jacobian: that of a similar problem, whose derivatives by the parameters of the contact serve for the first step.
     """
 
     def stacked_residual(vector: ParameterVector) -> Float[Array, " n"]:
@@ -230,7 +238,7 @@ def fit_finely(
 
     vector = start
     residual = stacked_residual(start)
-    reused_jacobian = None
+    reuse_reduction = max(_DERIVATIVE_REUSE_REDUCTION, _REUSE_TOLERANCES * tolerance)
     for _ in range(_MAX_FINE_STEPS):
         problem = problem.starting_from(vector)
         derivatives = image_jacobian(problem, vector, residual[: problem.row_count], reused_jacobian)
@@ -240,7 +248,7 @@ def fit_finely(
         predicted_reduction = 1 - np.sum((residual + jacobian @ step) ** 2) / sum_of_squares
         if not predicted_reduction > tolerance:
             break
-        reused_jacobian = jacobian if predicted_reduction < _DERIVATIVE_REUSE_REDUCTION else None
+        reused_jacobian = jacobian if predicted_reduction < reuse_reduction else None
         for step_length in _STEP_LENGTHS:
             candidate = vector + step_length * step
             candidate_residual = stacked_residual(candidate)
