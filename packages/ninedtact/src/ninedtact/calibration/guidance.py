@@ -18,7 +18,7 @@ from ninedtact.calibration.ball.ball_press import find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, spherical_cap_height_mm
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
-from ninedtact.calibration.brightness_change import OVEREXPOSED, flat_fielded_brightness_change, smooth_gaussian
+from ninedtact.calibration.brightness_change import flat_fielded_brightness_change, overexposed_share, smooth_gaussian
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
 from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.calibration.settings import CalibrationSettings
@@ -221,8 +221,8 @@ def exposure_advice(image: BgrImage) -> str:
     grey = to_grey_float(image)
     if grey.mean() < 4 * MIN_LIT_GREY_LEVEL:
         return f"too dark (mean {grey.mean():.0f} of 255): switch the light on, raise the exposure"
-    if (grey >= OVEREXPOSED).mean() > 0.02:
-        return f"overexposed ({(grey >= OVEREXPOSED).mean():.0%} of the image): lower exposure or gain"
+    if (share := overexposed_share(image)) > 0.02:
+        return f"overexposed ({share:.0%} of the image): lower exposure or gain"
     return ""
 
 
