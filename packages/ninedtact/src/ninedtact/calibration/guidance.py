@@ -72,7 +72,7 @@ def search_board_pins(
     """Return which pins a press shows and where others are missing; raises `CalibrationError`."""
     expected, half = design.pin_board.count, np.array(press.shape[1::-1]) / 2
     try:
-        fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg)
+        fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg, settings.camera_mirrored)
     except BoardNotFound as refusal:
         found_px = np.asarray(refusal.detected_px, float).reshape(-1, 2)
         missing_px, side = refusal.missing_px, ""
@@ -330,5 +330,11 @@ def _rectification_from_board(
     taken: dict[str, BgrImage], design: SensorDesign, settings: CalibrationSettings
 ) -> Rectification:
     """Return the rectification from the board image just taken."""
-    board = fit_board(taken["board_reference"], taken["board"], design.pin_board, settings.camera_rotation_deg)
+    board = fit_board(
+        taken["board_reference"],
+        taken["board"],
+        design.pin_board,
+        settings.camera_rotation_deg,
+        settings.camera_mirrored,
+    )
     return build_rectification(board, design, settings.lens)

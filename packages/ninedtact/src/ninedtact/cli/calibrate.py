@@ -325,6 +325,8 @@ def _require_kept_lens(settings: CalibrationSettings, folder: "SensorFolder") ->
 
     asked, kept = settings.camera_rotation_deg, folder.record.grid.camera_rotation_deg
     refused = [] if asked in ("auto", kept) else [f"--camera-rotation-deg {asked}"]
+    if settings.camera_mirrored and not folder.record.grid.camera_mirrored:
+        refused.append("--camera-mirrored")
     if settings.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
         refused.append("--lens paper")
     if refused:
