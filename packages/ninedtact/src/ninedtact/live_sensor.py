@@ -58,7 +58,9 @@ def assemble_live_sensor(
     if not isinstance(source, str):
         frames: FrameSource = source.camera
     else:
-        played = source_in_real_time(source, settings or FIXED_EXPOSURE, lambda sentence: notify(f"{of}{sentence}"))
+        played = source_in_real_time(
+            source, settings or FIXED_EXPOSURE, lambda sentence: notify(f"{of}{sentence}"), folder
+        )
         frames = ReconnectingFrameSource(
             RepeatingSource(played) if loop else played,
             on_lost=lambda loss: notify(f"{of}{loss}; waiting for it"),

@@ -8,6 +8,7 @@ the packages that are imported here, when they are named.
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,7 +41,8 @@ def source_for(
     """Return the source that `text` names, not yet opened.
 
     `text` is a camera, stream, video file, folder of images, recording (.mcap) or "sim", the twin of `sensor`. Without a
-    sensor it is the default twin. `settings` apply to cameras on this computer. Raises `InputError`.
+    sensor it is the default twin. `settings` apply to cameras on this computer, which are set to the size of `sensor`. Raises
+    `InputError`.
 
     >>> ninedtact.source_for("0").name
     'camera 0'
@@ -58,11 +60,17 @@ def source_for(
     from ninedtact.capture import source_from_address
     from ninedtact.capture.frame_source import DEFAULT_CAMERA
 
-    return source_from_address.camera_or_file_source(text, settings or DEFAULT_CAMERA)
+    settings = settings or DEFAULT_CAMERA
+    if sensor is not None:
+        settings = replace(settings, size_px=(sensor.record.grid.raw_cols, sensor.record.grid.raw_rows))
+    return source_from_address.camera_or_file_source(text, settings)
 
 
 def source_in_real_time(
-    text: str, settings: "CameraSettings | None" = None, notify: Callable[[str], None] | None = None
+    text: str,
+    settings: "CameraSettings | None" = None,
+    notify: Callable[[str], None] | None = None,
+    sensor: "SensorFolder | None" = None,
 ) -> "FrameSource":
     """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read.
 
@@ -70,7 +78,7 @@ def source_in_real_time(
     """
     from ninedtact.capture.frame_pacing import LivePlayback
 
-    return LivePlayback(source_for(text, settings), notify)
+    return LivePlayback(source_for(text, settings, sensor), notify)
 
 
 def require_matching_force_source(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:

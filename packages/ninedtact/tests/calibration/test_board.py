@@ -1,5 +1,6 @@
 """The pin board is found and the lens recovered, on known lenses and on real images; what is no board is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -17,6 +18,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.design import PinBoard, SensorDesign
 from ninedtact.errors import CalibrationError
+from ninedtact.quantities import Frame
 
 BOARD = PinBoard()
 
@@ -267,3 +269,40 @@ def test_of_a_wider_lattice_the_part_with_most_contrast_is_the_board() -> None:
 def test_the_orientation_in_which_the_board_has_most_contrast_is_taken(board: PinBoard, mounting: int) -> None:
     candidate = find_board_candidate(dark_columns(100, 5, 5, 5, 5, 5), board, "auto")
     assert candidate is not None and (candidate.mounting, len(candidate.lattice)) == (mounting, 20)
+
+
+def test_a_mirrored_camera_gives_the_same_skin(real_images: dict[str, CalibrationImages]) -> None:
+    """With --camera-mirrored, mirrored images are rectified to the picture of the unmirrored ones."""
+    images = real_images["a"]
+    mirrored = CalibrationImages(
+        **{name: np.ascontiguousarray(image[:, ::-1]) for name, image in vars(images).items() if image is not None}
+    )
+    plain, mirror = (
+        calibrate(each, settings=CalibrationSettings(method="ratio", camera_mirrored=each is mirrored))
+        for each in (images, mirrored)
+    )
+    assert mirror.record.grid.camera_mirrored and not plain.record.grid.camera_mirrored
+    grey, same = plain.rectify(Frame(images.ball)).grey, mirror.rectify(Frame(mirrored.ball)).grey
+    assert np.abs(grey - same).mean() < 0.2 < 1 < np.abs(grey - same[:, ::-1]).mean()
+    np.testing.assert_allclose(plain.ball.max_indentation_mm, mirror.ball.max_indentation_mm, atol=0.02)
+
+
+def test_a_board_across_the_image_is_warned_of(real_images: dict[str, CalibrationImages]) -> None:
+    """Rows and columns that were exchanged turn the axes by 90° though every pin fits; a part of the height map is out of view."""
+    for rows, cols, is_warned in ((7, 9, False), (9, 7, True)):
+        design = replace(SensorDesign(), pin_board=replace(BOARD, rows=rows, cols=cols))
+        pair = CalibrationImages(real_images["a"].board_reference, real_images["a"].board)
+        warnings = calibrate(pair, design).record.certificate.warnings
+        assert any("17% of the height map is out of the camera's view" in text for text in warnings) == is_warned
+
+
+@pytest.mark.parametrize("cut", [np.s_[120:840, :], np.s_[:, 220:1060]], ids=["a wide mode", "a narrow one"])
+def test_a_mode_that_cuts_the_board_is_named(
+    real_images: dict[str, CalibrationImages], cut: tuple[slice, slice]
+) -> None:
+    pair = (
+        np.ascontiguousarray(cv2.resize(image, None, fx=2, fy=2)[cut])
+        for image in (real_images["a"].board_reference, real_images["a"].board)
+    )
+    with pytest.raises(BoardNotFound, match="pins lie beyond the border of the image: this mode of the camera cuts"):
+        fit_board(*pair, BOARD)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from upstream_folder import UpstreamFolder
 
+from ninedtact.calibration.brightness_change import different_skin_warnings, find_exposure_fault, overexposed_share
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
 from ninedtact.calibration.drift.reference_check import CalibratedReference, load_calibrated_reference, measure_drift
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
@@ -189,3 +190,26 @@ def test_an_imported_sensor_has_nothing_to_compare_with(tmp_path: Path) -> None:
     imported = import_original_calibration(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "ours")
     with pytest.raises(SensorFolderDamaged, match="imported"):
         load_calibrated_reference(imported)
+
+
+def test_one_full_channel_is_overexposed(images: dict[str, dict[str, BgrImage]]) -> None:
+    """The grey level of a picture of which one channel is full may be that of a good one."""
+    reference = images["sensor_a"]["ball_reference"]
+    assert overexposed_share(reference) == 0 and find_exposure_fault(reference) is None
+    for channel, name in enumerate(("blue", "green", "red")):
+        gains = np.full(3, 0.8)
+        gains[channel] = 1.75
+        fault = find_exposure_fault(times(reference, gains))
+        assert fault is not None and fault.kind == "overexposed" and f"in {name} alone" in fault.sentence
+    white = find_exposure_fault(times(reference, 1.75))
+    assert white is not None and "alone" not in white.sentence
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("light", [0.35, 0.55, (0.0, 0.0, 1.0)], ids=str)
+def test_a_dim_sensor_is_called_dim_and_neither_moved_nor_another(
+    sensor: str, light: float | tuple[float, ...], known: dict, images: dict
+) -> None:
+    pair = [times(images[sensor][name], light) for name in ("board_reference", "ball_reference")]
+    assert all(sentence.startswith("dim: ") for sentence in different_skin_warnings(*pair))
+    assert set(diagnoses(known[sensor], pair[1])) <= {"light dimmer"}

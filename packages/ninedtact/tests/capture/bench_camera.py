@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-MODES = ((320, 240), (640, 480))
+Size = tuple[int, int]
 
 
 @dataclass
@@ -22,8 +22,18 @@ class BenchCamera:
             cv2.CAP_PROP_GAIN: (0, 100),
             cv2.CAP_PROP_AUTO_WB: (0, 1),
             cv2.CAP_PROP_WB_TEMPERATURE: (2800, 6500),
+            cv2.CAP_PROP_AUTOFOCUS: (0, 1),
+            cv2.CAP_PROP_FOCUS: (0, 250),
         }
     )
+    modes: dict[str, tuple[Size, ...]] = field(
+        default_factory=lambda: dict.fromkeys(("YUYV", "MJPG"), ((320, 240), (640, 480)))
+    )
+    """Sizes of each pixel format; the nearest one is taken."""
+    free_bytes_per_s: float = float("inf")
+    """What other cameras leave of the USB: uncompressed images that need more never arrive."""
+    channels: int | None = 3
+    """Of an image; None for a grey camera whose images have rows and columns alone."""
     rates_hz: tuple[float, ...] = (29.97, 60.0)
     manual_and_automatic: tuple[float, float] = (1, 3)
     """Numbers of its two modes of exposure; others are not taken."""
@@ -45,12 +55,15 @@ class BenchCapture:
         self.camera = camera
         self.released = False
         self.wanted = [640.0, 480.0]
+        self.pixel_format = next(iter(camera.modes))
         self.values: dict[int, float] = {prop: least for prop, (least, _) in camera.limits.items()}
         self.values |= {
             cv2.CAP_PROP_AUTO_EXPOSURE: camera.manual_and_automatic[1],
             cv2.CAP_PROP_FPS: camera.rates_hz[0],
-            cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"YUYV"),
+            cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*self.pixel_format),
         }
+        if cv2.CAP_PROP_AUTOFOCUS in camera.limits:
+            self.values[cv2.CAP_PROP_AUTOFOCUS] = 1
 
     def isOpened(self) -> bool:  # noqa: N802
         return self.camera.plugged_in and not self.released
@@ -67,8 +80,8 @@ class BenchCapture:
             self.wanted[prop == cv2.CAP_PROP_FRAME_HEIGHT] = value
         elif prop == cv2.CAP_PROP_FPS:
             self.values[prop] = min(self.camera.rates_hz, key=lambda rate: abs(rate - value))
-        elif prop == cv2.CAP_PROP_FOURCC and value == cv2.VideoWriter.fourcc(*"MJPG"):
-            self.values[prop] = value
+        elif prop == cv2.CAP_PROP_FOURCC and (asked := int(value).to_bytes(4, "little").decode()) in self.camera.modes:
+            self.pixel_format, self.values[prop] = asked, value
         elif prop == cv2.CAP_PROP_AUTO_EXPOSURE and value not in self.camera.manual_and_automatic:
             return False
         elif prop in self.camera.limits and not self.locked(prop):
@@ -84,7 +97,10 @@ class BenchCapture:
         )
 
     def mode(self) -> tuple[int, int]:
-        return min(MODES, key=lambda mode: abs(mode[0] - self.wanted[0]) + abs(mode[1] - self.wanted[1]))
+        return min(
+            self.camera.modes[self.pixel_format],
+            key=lambda mode: abs(mode[0] - self.wanted[0]) + abs(mode[1] - self.wanted[1]),
+        )
 
     def read(self) -> tuple[bool, Any]:
         time.sleep(0.002)
@@ -93,9 +109,13 @@ class BenchCapture:
         if self.camera.damaged_images:
             self.camera.damaged_images -= 1
             return False, None
-        self.camera.shown += 1
         cols, rows = self.mode()
-        return True, np.full((rows, cols, 3), self.camera.shown % 256, np.uint8)
+        bytes_per_s = 2 * cols * rows * self.values[cv2.CAP_PROP_FPS]
+        if self.pixel_format != "MJPG" and bytes_per_s > self.camera.free_bytes_per_s:
+            return False, None
+        self.camera.shown += 1
+        shape = (rows, cols) if self.camera.channels is None else (rows, cols, self.camera.channels)
+        return True, np.full(shape, self.camera.shown % 256, np.uint8)
 
     def release(self) -> None:
         self.camera.held -= not self.released

@@ -4,15 +4,19 @@ import time
 from functools import partial
 
 import cv2
+import numpy as np
 import pytest
 from bench_camera import BenchCamera, BenchPi
 
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import LivePlayback
 from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings, ImageFileList, SourceNotOpen
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
 from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture
 from ninedtact.capture.uvc_camera import UvcCamera
-from ninedtact.errors import CameraError
+from ninedtact.cli.shared_options import CameraOptions
+from ninedtact.errors import CameraError, InputError
+from ninedtact.source_addresses import source_for
 
 
 @pytest.mark.parametrize(
@@ -27,6 +31,8 @@ from ninedtact.errors import CameraError
         CameraSettings(exposure_ms=15.6, gain=40.0),
         CameraSettings(auto_exposure=True),
         CameraSettings(white_balance_k=4600.0),
+        CameraSettings(focus=120.0),
+        CameraSettings(autofocus=True),
         FIXED_EXPOSURE,
     ],
     ids=repr,
@@ -34,7 +40,7 @@ from ninedtact.errors import CameraError
 def test_a_setting_that_the_camera_has_is_in_force(wish: CameraSettings) -> None:
     with UvcCamera(0, wish, BenchCamera().open_capture) as camera:
         got = camera.current_settings
-        for name in ("size_px", "pixel_format", "auto_exposure", "gain", "auto_white_balance"):
+        for name in ("size_px", "pixel_format", "auto_exposure", "gain", "auto_white_balance", "autofocus", "focus"):
             assert getattr(wish, name) in (None, getattr(got, name))
         for name in ("exposure_ms", "white_balance_k", "rate_hz"):
             if getattr(wish, name) is not None:
@@ -59,8 +65,9 @@ def test_the_exposure_of_an_open_camera_is_set_within_its_limits() -> None:
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
-        (CameraSettings(size_px=(800, 600)), "image width 800, got 640"),
-        (CameraSettings(size_px=(640, 500)), "image height 500, got 480"),
+        (CameraSettings(size_px=(800, 600)), "images of 800x600 pixels, got 640x480; .* --size"),
+        (CameraSettings(size_px=(640, 500)), "images of 640x500 pixels, got 640x480; .* --size"),
+        (CameraSettings(focus=251.0), "focus 251, got 250"),
         (CameraSettings(rate_hz=61.3), "images per second 61.3, got 60"),
         (CameraSettings(pixel_format="H264"), "pixel format H264"),
         (CameraSettings(exposure_ms=900.0), "exposure .* 9000, got 5000"),
@@ -72,23 +79,72 @@ def test_the_exposure_of_an_open_camera_is_set_within_its_limits() -> None:
 def test_a_setting_that_the_camera_clamps_is_refused(wish: CameraSettings, words: str) -> None:
     bench = BenchCamera()
     with (
-        pytest.raises(CameraError, match=f"expected camera 0 to take {words}.*;"),
+        pytest.raises(CameraError, match=f"expected camera 0 to take {words}"),
         UvcCamera(0, wish, bench.open_capture),
     ):
         pass
     assert bench.held == 0
 
 
-def test_a_control_that_the_camera_lacks_is_refused() -> None:
-    bench = BenchCamera()
-    del bench.limits[cv2.CAP_PROP_AUTO_WB]
-    with (
-        pytest.raises(CameraError, match="automatic white balance"),
-        UvcCamera(0, FIXED_EXPOSURE, bench.open_capture),
+def test_an_automatic_control_is_switched_off_absent_or_refused() -> None:
+    """A grey camera has no white balance and a fixed lens no autofocus; asked for, they are refused. Exposure is always there."""
+    for prop, name, label in (
+        (cv2.CAP_PROP_AUTO_WB, "auto_white_balance", "automatic white balance"),
+        (cv2.CAP_PROP_AUTOFOCUS, "autofocus", "autofocus"),
     ):
-        pass
-    with UvcCamera(0, opener=bench.open_capture) as camera:
-        assert camera.current_settings.auto_white_balance is None
+        bench, stubborn = BenchCamera(channels=None), BenchCamera()
+        del bench.limits[prop]
+        stubborn.limits[prop] = (1, 1)
+        with UvcCamera(0, FIXED_EXPOSURE, bench.open_capture) as camera:
+            assert getattr(camera.current_settings, name) is None
+        for refused, settings in ((bench, CameraSettings(**{name: True})), (stubborn, FIXED_EXPOSURE)):
+            with pytest.raises(CameraError, match=f"{label}.*--automatic"):
+                UvcCamera(0, settings, refused.open_capture).open()
+            assert refused.held == 0
+    bench = BenchCamera()
+    del bench.limits[cv2.CAP_PROP_AUTO_EXPOSURE]
+    bench.limits[cv2.CAP_PROP_AUTO_EXPOSURE] = (3, 3)
+    with pytest.raises(CameraError, match=r"exposure mode.*--automatic"):
+        UvcCamera(0, FIXED_EXPOSURE, bench.open_capture).open()
+
+
+@pytest.mark.parametrize("size_px", [(640, 480), (853, 480), (1280, 800)])
+def test_motion_jpeg_is_taken_where_uncompressed_images_do_not_come(size_px: tuple[int, int]) -> None:
+    """Because another camera uses the USB, or because only MJPG has the size; a format that was named is kept."""
+    wide = ((640, 480), (853, 480), (1280, 800))
+    crowded = BenchCamera(modes=dict.fromkeys(("YUYV", "MJPG"), wide), free_bytes_per_s=1e6)
+    large_by_mjpg = BenchCamera(modes={"YUYV": ((320, 240),), "MJPG": wide})
+    asked = CameraSettings(size_px=size_px)
+    for bench in (crowded, large_by_mjpg):
+        with UvcCamera(0, asked, bench.open_capture) as camera:
+            assert camera.current_settings.pixel_format == "MJPG" and bench.held == 1
+            assert camera.read().image.shape[1::-1] == size_px
+        assert bench.held == 0
+    with UvcCamera(0, asked, BenchCamera(modes=crowded.modes).open_capture) as camera:
+        assert camera.current_settings.pixel_format == "YUYV"
+    plain = CameraSettings(size_px=size_px, pixel_format="YUYV")
+    with pytest.raises(CameraError, match=r"got none; .*USB bandwidth: another camera on the same hub\?"):
+        UvcCamera(0, plain, crowded.open_capture).open()
+    with pytest.raises(CameraError, match="USB bandwidth"):
+        UvcCamera(0, asked, BenchCamera(modes={"YUYV": wide}, free_bytes_per_s=1e6).open_capture).open()
+
+
+@pytest.mark.parametrize("channels", [None, 1, 3, 4])
+def test_images_have_three_channels_whatever_the_camera(channels: int | None) -> None:
+    with UvcCamera(0, opener=BenchCamera(channels=channels).open_capture) as camera:
+        image = camera.read().image
+        assert image.shape == (480, 640, 3) and image.flags.c_contiguous and len(np.unique(image)) == 1
+
+
+def test_a_camera_is_set_to_the_size_of_the_sensor(twin_sensor: SensorFolder) -> None:
+    folder = twin_sensor
+    source = source_for("0", CameraSettings(size_px=(1280, 800)), folder)
+    assert isinstance(source, UvcCamera)
+    assert source.settings.size_px == (folder.record.grid.raw_cols, folder.record.grid.raw_rows)
+    assert CameraOptions().settings("853x480").size_px == (853, 480)
+    for wrong in ("853", "0x480", "853x", "1e9x3", "853x480x3", ""):
+        with pytest.raises(InputError, match="expected --size as COLSxROWS"):
+            CameraOptions().settings(wrong)
 
 
 def test_settings_that_contradict_each_other_are_refused() -> None:
@@ -116,7 +172,7 @@ def test_a_raspberry_pi_is_read_back_too() -> None:
         (asked, partial(BenchPi, late_images=30), "'ExposureTime': 21000.* got .*'ExposureTime': 5"),
         (CameraSettings(white_balance_k=4000.0), BenchPi, "no white_balance_k"),
         (CameraSettings(pixel_format="MJPG"), BenchPi, "no pixel_format"),
-        (CameraSettings(auto_white_balance=False), no_balance, "AwbEnable, got no such control"),
+        (CameraSettings(auto_white_balance=True), no_balance, "AwbEnable, got no such control"),
     ):
         pi = kind()
         with (
@@ -125,6 +181,8 @@ def test_a_raspberry_pi_is_read_back_too() -> None:
         ):
             pass
         assert pi.is_closed
+    with RaspberryPiCamera(1, FIXED_EXPOSURE, {1: no_balance()}.__getitem__) as camera:  # a grey one
+        assert camera.read().image.shape == (480, 640, 3)
 
 
 def test_a_raspberry_pi_camera_is_lost_after_two_seconds_of_silence() -> None:
@@ -187,9 +245,9 @@ def test_the_exposure_is_fixed_in_whichever_mode_the_camera_has(modes: tuple[int
 def test_a_setting_that_the_camera_does_not_report_is_none() -> None:
     capture = BenchCamera().open_capture(0)
     with UvcCamera(0, opener=lambda device: capture) as camera:
-        assert camera.current_settings == CameraSettings((640, 480), 29.97, "YUYV", True, None, 0, False, 2800)
+        assert camera.current_settings == CameraSettings((640, 480), 29.97, "YUYV", True, None, 0, False, 2800, True)
         capture.values |= {cv2.CAP_PROP_AUTO_WB: 1, cv2.CAP_PROP_AUTO_EXPOSURE: 1}
-        assert camera.current_settings == CameraSettings((640, 480), 29.97, "YUYV", False, 0.1, 0, True, None)
+        assert camera.current_settings == CameraSettings((640, 480), 29.97, "YUYV", False, 0.1, 0, True, None, True)
         del capture.values[cv2.CAP_PROP_AUTO_EXPOSURE]
         assert camera.current_settings.auto_exposure is None and camera.current_settings.exposure_ms == 0.1
         capture.values[cv2.CAP_PROP_FOURCC] = 0

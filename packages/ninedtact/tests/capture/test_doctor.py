@@ -192,6 +192,44 @@ def test_the_kernel_is_asked_what_a_device_delivers_and_how_long_it_may_expose(
         )
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel of Linux is asked")
+def test_modes_are_listed_and_what_the_camera_regulates_is_switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The replies are laid out as structs v4l2_fmtdesc, v4l2_frmsizeenum, v4l2_frmivalenum and v4l2_control."""
+    on, stuck = {0x0098_0912: 1, 0x009A_0903: 1, 0x009A_090C: 0}, set()
+    sizes = {b"YUYV": [(640, 480)], b"MJPG": [(640, 480), (1280, 800)]}
+
+    def ioctl(handle: int, request: int, reply: bytearray) -> None:
+        assert len(reply) == request >> 16 & 0x3FFF
+        number, words = request & 0xFF, struct.unpack_from("<II", reply)
+        if number == 0:
+            struct.pack_into("<I", reply, 88, 0x0400_0001)
+        elif number == 2 and words[1] == 1 and words[0] < 2:
+            reply[44:48] = list(sizes)[words[0]]
+        elif number == 74 and words[0] < len(sizes[bytes(reply[4:8])]):
+            struct.pack_into("<III", reply, 8, 1, *sizes[bytes(reply[4:8])][words[0]])
+        elif number == 75 and words[0] == 0:
+            struct.pack_into("<III", reply, 16, 1, 1, 60 if reply[4:8] == b"MJPG" else 10)
+        elif number == 27 and words[0] in on:
+            struct.pack_into("<i", reply, 4, on[words[0]])
+        elif number == 28 and words[0] in on and words[0] not in stuck:
+            on[words[0]] = struct.unpack_from("<i", reply, 4)[0]
+        else:
+            raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr("fcntl.ioctl", ioctl)
+    check = check_camera(UvcCamera("/dev/null", CameraSettings(), BenchCamera().open_capture))
+    assert "    MJPG: 640x480 at 60, 1280x800 at 60" in camera_lines(check) and len(check.modes) == 3
+    assert any(on.values())
+    with pytest.raises(CameraError, match=r"got 640x480; .* one that this one has \(640x480, 1280x800\)"):
+        UvcCamera("/dev/null", CameraSettings(size_px=(853, 480)), BenchCamera().open_capture).open()
+    with UvcCamera("/dev/null", FIXED_EXPOSURE, BenchCamera().open_capture):
+        assert not any(on.values())
+    on[0x0098_0912] = 1
+    stuck.add(0x0098_0912)
+    with pytest.raises(CameraError, match=r"switch automatic gain off, got still on.*--automatic"):
+        UvcCamera("/dev/null", FIXED_EXPOSURE, BenchCamera().open_capture).open()
+
+
 def test_why_a_camera_does_not_open_is_told(tmp_path: Path) -> None:
     absent, locked = BenchCamera(plugged_in=False), tmp_path / "locked"
     locked.touch(mode=0o000)
@@ -287,6 +325,7 @@ def test_a_camera_that_regulates_itself_is_pointed_out() -> None:
             balance is True,
         ]
     assert camera_settings_advice(None) == []
+    assert "autofocus is on" in camera_settings_advice(CameraSettings(autofocus=True))[0]
     lines = camera_lines(CameraCheck("camera 0", "9DTact", trouble="expected much, got little; wait"))
     assert lines == ["  camera 0 (9DTact)", "    expected much, got little; wait"]
 

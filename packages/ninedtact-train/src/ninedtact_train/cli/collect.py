@@ -19,10 +19,10 @@ from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
 from ninedtact.cli.shared_options import (
-    AutomaticOption,
     CameraDelayOption,
+    CameraOption,
+    CameraOptions,
     JsonOption,
-    camera_settings,
     require_duration,
 )
 from ninedtact.errors import OutputError
@@ -198,7 +198,7 @@ class Collect:
     """Number of times that the script presses each object; with sim only."""
     seed: Annotated[int, Meta(ge=0)] | None = None
     """Seed of the load below which the first pair of each contact is saved, and of the script; without it, random."""
-    automatic: AutomaticOption = False
+    camera: CameraOption = CameraOptions()
     json: JsonOption = False
 
     def run(self) -> int:
@@ -229,7 +229,7 @@ class Collect:
         if is_recording_address(self.source):
             images, wrenches = Path(self.source).expanduser(), Path(self.force_torque).expanduser()
             return collection_setup_from_recordings(images, wrenches, checks, folder.record.design.force_torque)
-        camera = source_in_real_time(self.source, camera_settings(self.automatic))
+        camera = source_in_real_time(self.source, self.camera.settings(), sensor=folder)
         device = force_torque_sensor_for(self.force_torque)
         return collection_setup_from_devices(camera, device, folder, checks, screen.show_message)
 

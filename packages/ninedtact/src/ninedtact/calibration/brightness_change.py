@@ -28,6 +28,8 @@ MIN_REFERENCE_GREY = 8.0
 OVEREXPOSED = 250
 """Grey level from which a pixel counts as overexposed."""
 _MAX_OVEREXPOSED_SHARE = 0.2
+_DIM_GREY = 100.0
+"""Mean grey level below which the steps between grey levels look like structure of the skin; real sensors have 140 to 170."""
 
 
 def flat_fielded_brightness_change(reference: BgrImage, press: BgrImage) -> Float32[Array, "rows cols"]:
@@ -57,6 +59,19 @@ def estimate_camera_noise(change: Float32[Array, "rows cols"]) -> float:
     return estimate_pixel_noise(change) / 2**0.5
 
 
+def overexposed_share(image: BgrImage) -> float:
+    """Return the share of pixels of which at least one channel is overexposed: it cannot brighten, though the grey level may."""
+    return float((image.max(axis=2) >= OVEREXPOSED).mean())
+
+
+def dim_warning(image: BgrImage) -> str | None:
+    """Return that an image is too dim for the fine structure of its skin to be seen, or None."""
+    grey = float(to_grey_float(image).mean())
+    if grey >= _DIM_GREY:
+        return None
+    return f"dim: the mean grey level is {grey:.0f} of 255 (140 to 170 is good); raise the exposure or the light"
+
+
 @dataclass(frozen=True)
 class ExposureFault:
     """Why the exposure of an image makes it unusable."""
@@ -77,14 +92,21 @@ def find_exposure_fault(image: BgrImage) -> ExposureFault | None:
             "a lit image",
             f"a mean grey level of {grey.mean():.0f} of 255; switch the sensor's light on and raise the exposure",
         )
-    overexposed_share = float((grey >= OVEREXPOSED).mean())
-    if overexposed_share > _MAX_OVEREXPOSED_SHARE:
+    share = overexposed_share(image)
+    if share > _MAX_OVEREXPOSED_SHARE:
         return ExposureFault(
             "overexposed",
-            f"grey levels below {OVEREXPOSED}",
-            f"{overexposed_share:.0%} of the image overexposed; lower exposure or gain",
+            f"levels below {OVEREXPOSED} in every channel",
+            f"{share:.0%} of the image overexposed{_fullest_channel_in_words(image)}; lower exposure or gain",
         )
     return None
+
+
+def _fullest_channel_in_words(image: BgrImage) -> str:
+    """Return which channel is full where the others are not, or an empty text."""
+    full = (image >= OVEREXPOSED).mean(axis=(0, 1))
+    name = ("blue", "green", "red")[int(full.argmax())]
+    return f" in {name} alone" if np.median(full) < full.max() / 2 else ""
 
 
 def require_usable_exposure(name: str, image: BgrImage) -> None:
@@ -300,6 +322,9 @@ def different_skin_warnings(
     if board_reference.shape != ball_reference.shape:
         return ()
     skin = measure_skin_motion(board_reference, ball_reference)
+    dim = next(filter(None, map(dim_warning, (board_reference, ball_reference))), None)
+    if dim is not None:
+        return (dim,) if skin.is_displaced or (skin.observable and not skin.is_same_skin) else ()
     if skin.observable and not skin.is_same_skin:
         return (
             f"the image before the {then} does not show the skin of the image before the {first} (correlation "

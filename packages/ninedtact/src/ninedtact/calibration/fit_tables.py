@@ -8,7 +8,7 @@ import numpy as np
 from ninedtact.calibration.ball.ball_press import BallFit, simulate_height_noise_mm
 from ninedtact.calibration.board.board_fit import BoardFit
 from ninedtact.calibration.board.lens_fit import rms_vector_length
-from ninedtact.calibration.brightness_change import OVEREXPOSED
+from ninedtact.calibration.brightness_change import overexposed_share
 from ninedtact.calibration.sensor_toml_schema import (
     BallQuality,
     BoardPressFitTable,
@@ -31,7 +31,7 @@ from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.quantities import BgrImage
 from ninedtact.shape.depth import Smoothing
-from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
+from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.calibration_press_models import BallPressParameters
 
 
@@ -155,7 +155,7 @@ def make_ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, 
         noise_mm=noise_mm,
         darkening_grey_levels=circle.darkening_grey_levels,
         asymmetry=circle.asymmetry,
-        overexposed_fraction=float((to_grey_float(reference) >= OVEREXPOSED).mean()),
+        overexposed_fraction=overexposed_share(reference),
     )
 
 

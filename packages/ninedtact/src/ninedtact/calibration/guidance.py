@@ -18,7 +18,7 @@ from ninedtact.calibration.ball.ball_press import find_usable_contact_circle
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, spherical_cap_height_mm
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
-from ninedtact.calibration.brightness_change import OVEREXPOSED, flat_fielded_brightness_change, smooth_gaussian
+from ninedtact.calibration.brightness_change import flat_fielded_brightness_change, overexposed_share, smooth_gaussian
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
 from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.calibration.settings import CalibrationSettings
@@ -72,7 +72,7 @@ def search_board_pins(
     """Return which pins a press shows and where others are missing; raises `CalibrationError`."""
     expected, half = design.pin_board.count, np.array(press.shape[1::-1]) / 2
     try:
-        fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg)
+        fit = fit_board(reference, press, design.pin_board, settings.camera_rotation_deg, settings.camera_mirrored)
     except BoardNotFound as refusal:
         found_px = np.asarray(refusal.detected_px, float).reshape(-1, 2)
         missing_px, side = refusal.missing_px, ""
@@ -221,8 +221,8 @@ def exposure_advice(image: BgrImage) -> str:
     grey = to_grey_float(image)
     if grey.mean() < 4 * MIN_LIT_GREY_LEVEL:
         return f"too dark (mean {grey.mean():.0f} of 255): switch the light on, raise the exposure"
-    if (grey >= OVEREXPOSED).mean() > 0.02:
-        return f"overexposed ({(grey >= OVEREXPOSED).mean():.0%} of the image): lower exposure or gain"
+    if (share := overexposed_share(image)) > 0.02:
+        return f"overexposed ({share:.0%} of the image): lower exposure or gain"
     return ""
 
 
@@ -330,5 +330,11 @@ def _rectification_from_board(
     taken: dict[str, BgrImage], design: SensorDesign, settings: CalibrationSettings
 ) -> Rectification:
     """Return the rectification from the board image just taken."""
-    board = fit_board(taken["board_reference"], taken["board"], design.pin_board, settings.camera_rotation_deg)
+    board = fit_board(
+        taken["board_reference"],
+        taken["board"],
+        design.pin_board,
+        settings.camera_rotation_deg,
+        settings.camera_mirrored,
+    )
     return build_rectification(board, design, settings.lens)

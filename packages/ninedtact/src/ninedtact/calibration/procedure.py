@@ -49,7 +49,7 @@ from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.quantities import BgrImage, Frame
+from ninedtact.quantities import BgrImage, Frame, HeightSource
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification
 
@@ -177,7 +177,7 @@ def _fit_presses(
         rectify = imported.rectification
     elif imported is None and images.board_pair is not None:
         on_step("finding the pins of the board and fitting the lens to them")
-        board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg)
+        board = fit_board(*images.board_pair, design.pin_board, settings.camera_rotation_deg, settings.camera_mirrored)
         rectify = build_rectification(board, design, settings.lens)
     else:
         raise InputError(
@@ -249,7 +249,9 @@ def _make_record(
         assert imported is not None, "expected a fit of the board or an imported rectification, got neither"
         grid, lens = imported.record.grid, imported.record.lens
     else:
-        grid = GridTable(rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting)
+        grid = GridTable(
+            rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting, settings.camera_mirrored
+        )
         lens = make_lens_table(board, settings.lens)
     depth, twin, ball_quality = None, None, None
     if fits.ball is not None and images.ball_pair is not None:
@@ -281,6 +283,12 @@ IMPORTED_LENS_WARNING = (
     "the rectification was imported from the original project and is used as it is; no pin tests it here, and the scale in mm is "
     "that of the import; press the pin board and calibrate again for a lens with known errors"
 )
+_MAX_OUT_OF_VIEW = 0.08
+"""Share of the height map that the camera may not see: at most 0.01 of real sensors, 0.17 where the board is turned by 90°."""
+TURNED_BOARD_WARNING = (
+    "{:.0%} of the height map is out of the camera's view: the board lies across the image, or the mode of the camera cuts it; "
+    "were the board or the camera turned by 90° (--camera-rotation-deg), or the design's numbers of rows and columns exchanged?"
+)
 BALL_MISSING_WARNING = (
     "no ball has been pressed: heights, force, 'ninedtact check' and the twin are missing; to add them, press the ball and run "
     "'ninedtact calibrate' with --ball-reference, --ball and this folder as --out"
@@ -290,6 +298,9 @@ BALL_MISSING_WARNING = (
 def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDesign) -> list[str]:
     """Return what makes the calibration doubtful, in words."""
     warnings = [IMPORTED_LENS_WARNING] if fits.board is None else fits.board.warnings
+    out_of_view = float((fits.rectify.height_source == HeightSource.OUT_OF_VIEW).mean())
+    if fits.board is not None and out_of_view > _MAX_OUT_OF_VIEW:
+        warnings.append(TURNED_BOARD_WARNING.format(out_of_view))
     warnings += [BALL_MISSING_WARNING] if fits.ball is None else []
     if fits.ball is not None:
         warnings += press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel)
@@ -329,6 +340,8 @@ def repeat_calibration(
     record = folder.record
     lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"
     smoothing = smoothing or (Smoothing() if record.depth is None else record.depth.smoothing)
-    settings = CalibrationSettings(lens, record.grid.camera_rotation_deg, method, smoothing)
+    settings = CalibrationSettings(
+        lens, record.grid.camera_rotation_deg, method, smoothing, record.grid.camera_mirrored
+    )
     imported = folder if folder.is_imported else None
     return calibrate(images, design or record.design, settings, record.id, on_step, imported)

@@ -129,6 +129,8 @@ class GridTable(Struct, frozen=True, forbid_unknown_fields=True):
     calibrated_area_mm: tuple[_SkinMm, _SkinMm, _SkinMm, _SkinMm]
     """Smallest and largest x, then smallest and largest y, of the area that the board's pins cover."""
     camera_rotation_deg: CameraRotation = 0
+    camera_mirrored: bool = False
+    """Whether the camera mirrors its images left to right."""
 
     def __post_init__(self) -> None:
         left, right, top, bottom = self.calibrated_area_mm

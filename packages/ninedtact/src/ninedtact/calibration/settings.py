@@ -21,6 +21,9 @@ class CalibrationSettings:
     """Depth from contact mechanics and light, fitted to the whole image of the ball, or from the ball's cap alone: from the
     brightness factor (ratio), or from the paper's mapping list of grey differences (table)."""
     smoothing: Smoothing = Smoothing()
+    camera_mirrored: bool = False
+    """The camera mirrors its images left to right, which neither board nor ball shows: what moves to the right on the sensor, seen
+    from the camera, moves to the left in the image. Without this option F_x, T_y and T_z would have the wrong sign."""
 
     def __post_init__(self) -> None:
         require_within_bounds(self)

@@ -12,6 +12,7 @@ from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import CameraSettings, FrameSource, SourceEnded
 from ninedtact.capture.uvc_camera import UvcCamera
+from ninedtact.capture.video4linux import VideoMode
 from ninedtact.errors import CameraError, NinedtactError
 
 _SETTLING_IMAGES = 5
@@ -89,6 +90,8 @@ class CameraCheck:
     settings: CameraSettings | None = None
     trouble: str | None = None
     advice: tuple[str, ...] = ()
+    modes: tuple[VideoMode, ...] = ()
+    """The modes that the driver lists; empty where it lists none."""
 
 
 def check_camera(source: FrameSource, model: str | None = None, frames: int = 60) -> CameraCheck:
@@ -108,6 +111,7 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
     # A recording is read as fast as the disk delivers it; its true rate is the one at which it was made.
     rate = measure_frame_rate(source, frames) if source.recorded_hz is None else None
     settings = source.current_settings if isinstance(source, UvcCamera) else None
+    modes = tuple(source.modes) if isinstance(source, UvcCamera) else ()
     advice = (*duplicate_frame_advice(rate), *camera_settings_advice(settings))
     trouble = None
     if source.recorded_hz is not None:
@@ -116,11 +120,11 @@ def _check_open_camera(source: FrameSource, model: str | None, frames: int) -> C
                 pass
         except NinedtactError as damage:
             trouble = str(damage)
-    return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, trouble, advice)
+    return CameraCheck(source.name, model, (cols, rows), rate, source.recorded_hz, settings, trouble, advice, modes)
 
 
 def describe_camera_settings(settings: CameraSettings) -> str:
-    """Return exposure, gain and white balance as the camera reports them, as text for a person."""
+    """Return exposure, gain, white balance, focus and pixel format as the camera reports them, as text for a person."""
     exposure = "automatic exposure" if settings.auto_exposure else "exposure not reported"
     if settings.exposure_ms is not None:
         exposure = f"exposure {settings.exposure_ms:g} ms, fixed"
@@ -128,7 +132,11 @@ def describe_camera_settings(settings: CameraSettings) -> str:
     balance = "automatic white balance" if settings.auto_white_balance else "white balance not reported"
     if not settings.auto_white_balance and settings.white_balance_k is not None:
         balance = f"white balance {settings.white_balance_k:g} K, fixed"
-    return f"{exposure}; {gain}; {balance}"
+    focus = "autofocus" if settings.autofocus else "no autofocus" if settings.autofocus is None else "focus fixed"
+    if settings.focus is not None:
+        focus = f"focus {settings.focus:g}, fixed"
+    pixels = f"; pixel format {settings.pixel_format}" if settings.pixel_format else ""
+    return f"{exposure}; {gain}; {balance}; {focus}{pixels}"
 
 
 def duplicate_frame_advice(rate: FrameRate | None) -> list[str]:
@@ -142,10 +150,14 @@ def duplicate_frame_advice(rate: FrameRate | None) -> list[str]:
 
 
 def camera_settings_advice(settings: CameraSettings | None) -> list[str]:
-    """Return advice about automatic exposure and white balance, which change the brightness under a press."""
-    advice = []
-    if settings is not None and settings.auto_exposure:
-        advice.append("automatic exposure is on, a press will change it: `v4l2-ctl -d DEVICE -c auto_exposure=1`")
-    if settings is not None and settings.auto_white_balance:
-        advice.append("automatic white balance is on: `v4l2-ctl -d DEVICE -c white_balance_automatic=0`")
-    return advice
+    """Return advice about what the camera regulates by itself: exposure and white balance change the brightness under a press, and
+    autofocus blurs or moves the image. Commands that measure switch all of it off.
+    """
+    if settings is None:
+        return []
+    automatic = {
+        "automatic exposure is on, a press will change it: `v4l2-ctl -d DEVICE -c auto_exposure=1`": settings.auto_exposure,
+        "automatic white balance is on: `v4l2-ctl -d DEVICE -c white_balance_automatic=0`": settings.auto_white_balance,
+        "autofocus is on, a press will move it: `v4l2-ctl -d DEVICE -c focus_automatic_continuous=0`": settings.autofocus,
+    }
+    return [sentence for sentence, is_on in automatic.items() if is_on]

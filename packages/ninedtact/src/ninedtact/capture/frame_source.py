@@ -182,7 +182,7 @@ class CameraSettings:
     """Columns and rows."""
     rate_hz: float | None = None
     pixel_format: str | None = None
-    """Four letters. High rates over USB 2 need MJPG."""
+    """Four letters. None takes the camera's own, and MJPG where uncompressed images do not arrive, lack the size or are slow."""
     auto_exposure: bool | None = None
     exposure_ms: float | None = None
     """Implies that automatic exposure is off."""
@@ -191,12 +191,20 @@ class CameraSettings:
     auto_white_balance: bool | None = None
     white_balance_k: float | None = None
     """Implies that automatic white balance is off."""
+    autofocus: bool | None = None
+    focus: float | None = None
+    """In the camera's own unit. Implies that autofocus is off."""
+    other_automatics: bool | None = None
+    """False: automatic gain, brightness and whatever else the camera regulates (`video4linux.AUTOMATIC_CONTROLS`) are off too."""
 
     def __post_init__(self) -> None:
-        if self.exposure_ms is not None and self.auto_exposure:
-            raise CameraError(expected="exposure_ms or auto_exposure", got="both", remedy="drop one")
-        if self.white_balance_k is not None and self.auto_white_balance:
-            raise CameraError(expected="white_balance_k or auto_white_balance", got="both", remedy="drop one")
+        for fixed, automatic in (
+            ("exposure_ms", "auto_exposure"),
+            ("white_balance_k", "auto_white_balance"),
+            ("focus", "autofocus"),
+        ):
+            if getattr(self, fixed) is not None and getattr(self, automatic):
+                raise CameraError(expected=f"{fixed} or {automatic}", got="both", remedy="drop one")
         if self.pixel_format is not None and len(self.pixel_format) != 4:
             raise CameraError(
                 expected="pixel_format of four letters", got=f"'{self.pixel_format}'", remedy="try MJPG or YUYV"
@@ -205,8 +213,10 @@ class CameraSettings:
 
 DEFAULT_CAMERA = CameraSettings()
 """Raw images of the size that the published sensor has; everything else as the camera has it."""
-FIXED_EXPOSURE = CameraSettings(auto_exposure=False, auto_white_balance=False)
-"""Automatic exposure and white balance off: a camera that regulates its own brightness hides the brightness change of a press."""
+FIXED_EXPOSURE = CameraSettings(auto_exposure=False, auto_white_balance=False, autofocus=False, other_automatics=False)
+"""Everything automatic off: a camera that regulates its own brightness hides the brightness change of a press, and one that focuses
+moves the image.
+"""
 
 
 class AddressedFrameSource(FrameSource):

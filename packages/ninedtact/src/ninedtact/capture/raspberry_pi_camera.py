@@ -24,6 +24,8 @@ _SILENCE_LIMIT_S = 2.0
 _IMAGES_TO_SETTLE = 30
 _RELATIVE_TOLERANCE = 0.05
 _Control = float | int | bool
+_CAN_BE_ABSENT = {"AwbEnable", "AfMode"}
+"""Controls that a camera without them has off."""
 _INSTALL_HINT = (
     "on Raspberry Pi OS run `sudo apt install python3-picamera2` and make the environment with "
     f"`python3 -m venv --system-site-packages`; elsewhere `{installation_command('raspberry-pi')}`"
@@ -101,6 +103,9 @@ class RaspberryPiCamera(AddressedFrameSource):
 
     def _start(self, camera: Any) -> None:
         controls = dict(_libcamera_controls(self.settings))
+        for name in _CAN_BE_ABSENT - {*camera.camera_controls}:  # a grey sensor, a fixed lens
+            if not controls.get(name, True):
+                del controls[name]
         if unknown := [name for name in controls if name not in camera.camera_controls]:
             raise CameraError(
                 expected=f"{self.name} to take {unknown[0]}", got="no such control", remedy="leave it out"
@@ -139,9 +144,11 @@ class RaspberryPiCamera(AddressedFrameSource):
 
 def _libcamera_controls(settings: CameraSettings) -> Iterator[tuple[str, _Control]]:
     """Yield the settings as controls of libcamera; raises `CameraError` for those that it does not have."""
-    if settings.pixel_format is not None or settings.white_balance_k is not None:
+    if any(value is not None for value in (settings.pixel_format, settings.white_balance_k, settings.focus)):
         raise CameraError(
-            expected="no pixel_format and no white_balance_k on a Raspberry Pi", got="one", remedy="leave it out"
+            expected="no pixel_format, no white_balance_k and no focus on a Raspberry Pi",
+            got="one",
+            remedy="leave it out",
         )
     if settings.rate_hz is not None:
         yield "FrameRate", settings.rate_hz
@@ -153,3 +160,5 @@ def _libcamera_controls(settings: CameraSettings) -> Iterator[tuple[str, _Contro
         yield "AnalogueGain", settings.gain
     if settings.auto_white_balance is not None:
         yield "AwbEnable", settings.auto_white_balance
+    if settings.autofocus is not None:
+        yield "AfMode", 2 if settings.autofocus else 0  # continuous, manual

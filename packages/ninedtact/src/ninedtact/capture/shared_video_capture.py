@@ -6,7 +6,10 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
+import numpy as np
+
 from ninedtact.capture.frame_source import SourceNotOpen
+from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
 _SILENT = 0
@@ -38,6 +41,20 @@ class VideoCaptureProtocol(Protocol):
     def release(self) -> None: ...  # noqa: D102
 
 
+def _as_bgr(image: Any, name: str) -> Any:
+    """Return an image in three channels: that of a grey camera is repeated, an alpha channel dropped; raises `CameraError`."""
+    if image.dtype != np.uint8:
+        raise CameraError(
+            expected=f"images of 8 bits from {name}", got=f"{image.dtype}", remedy="choose another --pixel-format"
+        )
+    planes = image[..., None] if image.ndim == 2 else image
+    return (
+        planes
+        if planes.shape[2] == 3
+        else np.ascontiguousarray(np.broadcast_to(planes[..., :3], (*planes.shape[:2], 3)))
+    )
+
+
 class ThreadSafeVideoCapture:
     """Reads, stamps and counts the images of one capture; only one thread at a time accesses the device."""
 
@@ -64,7 +81,7 @@ class ThreadSafeVideoCapture:
             if not delivered:
                 return None
             self.next_index += 1
-            return Frame(image, self._stamp_ns(self._capture), self.next_index - 1)
+            return Frame(_as_bgr(image, self._name), self._stamp_ns(self._capture), self.next_index - 1)
 
     def query(self, question: Callable[[VideoCaptureProtocol], Result]) -> Result:
         """Call a function with the device between two reads and return its result; raises `SourceNotOpen`."""

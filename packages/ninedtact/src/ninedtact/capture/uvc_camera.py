@@ -7,11 +7,10 @@ steps of 0.1 ms, automatic exposure as 0 auto, 1 manual, 2 shutter priority, 3 a
 import getpass
 import math
 import os
-import struct
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -25,6 +24,13 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
 )
 from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture, VideoCaptureProtocol, silence_video_libraries
+from ninedtact.capture.video4linux import (
+    VideoMode,
+    delivers_images,
+    exposure_limits_ms,
+    list_modes,
+    switch_automatic_controls_off,
+)
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
@@ -37,18 +43,14 @@ _MOST_DIGITS = 9
 """Digits of the largest number that OpenCV takes as a camera."""
 _USB = "usb:"
 _KERNEL_DEVICE_LIST = Path("/sys/class/video4linux")
-_QUERY_CAPABILITIES = 0x80685600
-"""Number of VIDIOC_QUERYCAP, https://docs.kernel.org/userspace-api/media/v4l/vidioc-querycap.html."""
-_QUERY_CONTROL, _EXPOSURE_CONTROL, _CONTROL_BYTES = 0xC0445624, 0x009A0902, 68
-"""VIDIOC_QUERYCTRL, V4L2_CID_EXPOSURE_ABSOLUTE and the size of the reply, in which the identity comes first
-(https://docs.kernel.org/userspace-api/media/v4l/vidioc-queryctrl.html)."""
-_CONTROL_LIMITS = struct.Struct("<ii")
-_CONTROL_LIMITS_AT = 40
 _USUAL_EXPOSURE_MS = 0.1, 500.0
 """Limits of the exposure of a camera that does not report them; a value that it does not take is refused."""
-_DEVICE_CAPABILITIES = slice(88, 92)
-_VIDEO_CAPTURE = 0x00000001 | 0x00001000
-"""Capability bits of video capture, single-planar or multi-planar."""
+_COMPRESSED = "MJPG"
+_SLOW_HZ = 24.0
+"""Rate below which motion JPEG is tried: USB has no room for more uncompressed images of this size."""
+_BANDWIDTH = (
+    "USB bandwidth: another camera on the same hub? Give it a port of its own, a smaller --size or --pixel-format MJPG"
+)
 
 
 def _open_capture(device: int | str) -> VideoCaptureProtocol:
@@ -100,26 +102,28 @@ class UvcCamera(AddressedFrameSource):
     def exposure(self) -> ExposureWithLimits | None:
         """The exposure of the open camera; None where it is automatic or where the camera does not report it."""
         now_ms = self.current_settings.exposure_ms
-        return None if now_ms is None else ExposureWithLimits(now_ms, *_exposure_limits_ms(self._device_path))
+        limits_ms = exposure_limits_ms(self._device_path) or _USUAL_EXPOSURE_MS
+        return None if now_ms is None else ExposureWithLimits(now_ms, *limits_ms)
+
+    @property
+    def modes(self) -> list[VideoMode]:
+        """The modes of the open camera; empty where its driver does not list them."""
+        return list_modes(self._device_path)
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Set the exposure of the open camera and read it back; raises `CameraError`."""
         settings = CameraSettings(None, exposure_ms=exposure_ms)
-        self._open_grabber().query(lambda capture: _apply_settings(settings, capture, self.name))
+        self._open_grabber().query(lambda capture: _apply_settings(settings, capture, self.name, self._device_path))
 
     def open(self) -> None:
         """Open the camera, apply and read back the settings, and read one image.
 
+        Where no pixel format is asked for, motion JPEG is taken if uncompressed images do not arrive, lack the size or are slow.
         Raises `CameraError`.
         """
         if self._grabber is None:
             device = self._find_device()
-            capture = self._opener(device)
-            try:
-                self._grabber, self._device_path = self._start(capture, device), _device_path(device)
-            except BaseException:
-                capture.release()
-                raise
+            self._grabber, self._device_path = self._start_in_best_format(device), _device_path(device)
 
     def read(self) -> Frame:
         """Wait for the next image; raises `CameraLost` after two seconds of silence."""
@@ -156,17 +160,57 @@ class UvcCamera(AddressedFrameSource):
             )
         return found[0]
 
-    def _start(self, capture: VideoCaptureProtocol, device: int | str) -> ThreadSafeVideoCapture:
-        if not capture.isOpened():
-            raise CameraError(f"expected {self.name} to open, got {_open_failure(device)}")
-        _apply_settings(self.settings, capture, self.name)
-        grabber = ThreadSafeVideoCapture(self.name, capture, _arrival_ns)
-        if _read_past_damaged_images(grabber) is None:
-            raise CameraError(
-                expected=f"an image from {self.name}", got="none", remedy="plug it in again, or try another one"
-            )
+    def _start_in_best_format(self, device: int | str) -> ThreadSafeVideoCapture:
+        """Return the camera, open; raises `CameraError`."""
+        compressed = replace(self.settings, pixel_format=_COMPRESSED)
+        try:
+            grabber = self._start(device, self.settings)
+        except CameraError as refusal:
+            if self.settings.pixel_format is not None or isinstance(refusal, _CameraDoesNotOpen):
+                raise
+            try:
+                return self._start(device, compressed)
+            except CameraError:
+                raise refusal from None
+        rate_hz = _reported_rate_hz(grabber)
+        if self.settings.pixel_format is not None or not 0 < rate_hz < _SLOW_HZ:
+            return grabber
+        grabber.release()
+        try:
+            grabber = self._start(device, compressed)
+        except CameraError:
+            return self._start(device, self.settings)
+        if _reported_rate_hz(grabber) > rate_hz:
+            return grabber
+        grabber.release()
+        return self._start(device, self.settings)
+
+    def _start(self, device: int | str, settings: CameraSettings) -> ThreadSafeVideoCapture:
+        capture = self._opener(device)
+        try:
+            if not capture.isOpened():
+                raise _CameraDoesNotOpen(f"expected {self.name} to open, got {_open_failure(device)}")
+            _apply_settings(settings, capture, self.name, _device_path(device))
+            grabber = ThreadSafeVideoCapture(self.name, capture, _arrival_ns)
+            first = _read_past_damaged_images(grabber)
+            if first is None:
+                raise CameraError(
+                    expected=f"an image from {self.name}", got="none", remedy=f"plug it in again. {_BANDWIDTH}"
+                )
+            _require_size(settings, first.image.shape[1::-1], self.name, _device_path(device))
+        except BaseException:
+            capture.release()
+            raise
         grabber.next_index = 0  # the first image after opening is often half exposed and is not counted
         return grabber
+
+
+class _CameraDoesNotOpen(CameraError):
+    """Raised where a device does not open, whatever its settings."""
+
+
+def _reported_rate_hz(grabber: ThreadSafeVideoCapture) -> float:
+    return grabber.query(lambda capture: capture.get(cv2.CAP_PROP_FPS))
 
 
 def _read_past_damaged_images(grabber: ThreadSafeVideoCapture) -> Frame | None:
@@ -198,9 +242,13 @@ class _PropertySetting:
     accepted: tuple[float, ...]
     tolerance: float = 0.5
     remedy: str = "ask for a value that the camera has (`v4l2-ctl --list-ctrls` shows them), or leave it out"
+    can_be_absent: bool = False
+    """Whether a camera without the property has what is asked for: one without autofocus has none to switch off."""
 
     def is_in_force(self, capture: VideoCaptureProtocol) -> bool:
         got = capture.get(self.prop)
+        if got < 0 and self.can_be_absent:
+            return True
         return any(math.isclose(got, value, abs_tol=self.tolerance) for value in self.accepted)
 
     def try_values(self, capture: VideoCaptureProtocol) -> None:
@@ -209,11 +257,12 @@ class _PropertySetting:
                 return
 
 
-def _apply_settings(settings: CameraSettings, capture: VideoCaptureProtocol, name: str) -> None:
+def _apply_settings(settings: CameraSettings, capture: VideoCaptureProtocol, name: str, path: Path) -> None:
     """Set everything, then read everything back, since one setting may undo another; raises `CameraError`."""
     wanted = [*_video_mode(settings), *_image_controls(settings)]
     for setting in wanted:
         setting.try_values(capture)
+    _require_size(settings, _image_size_px(capture), name, path)
     for setting in wanted:
         if not setting.is_in_force(capture):
             got = capture.get(setting.prop)
@@ -222,11 +271,31 @@ def _apply_settings(settings: CameraSettings, capture: VideoCaptureProtocol, nam
                 got=f"{got:g}",
                 remedy=f"{setting.remedy}",
             )
+    if settings.other_automatics is False:
+        switch_automatic_controls_off(path, name)
+
+
+def _require_size(settings: CameraSettings, got: tuple[int, int], name: str, path: Path) -> None:
+    """Raise `CameraError` with the sizes that the camera has, unless the size that it got (columns, rows) is the wanted one."""
+    if settings.size_px in (None, got):
+        return
+    cols, rows = settings.size_px or got
+    sizes = dict.fromkeys(mode.size_px for mode in list_modes(path))
+    listed = ", ".join(f"{width}x{height}" for width, height in sizes) or "`ninedtact doctor` lists those that it has"
+    raise CameraError(
+        expected=f"{name} to take images of {cols}x{rows} pixels",
+        got=f"{got[0]}x{got[1]}",
+        remedy=f"use the camera that has this size, or calibrate with --size at one that this one has ({listed})",
+    )
+
+
+def _image_size_px(capture: VideoCaptureProtocol) -> tuple[int, int]:
+    return int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
 
 
 def _video_mode(settings: CameraSettings) -> Iterator[_PropertySetting]:
     """Yield format, size and rate, in the order in which a driver takes them; they precede the controls."""
-    modes = "ask for one that it has (`v4l2-ctl --list-formats-ext` shows them)"
+    modes = "ask for one that it has (`ninedtact doctor` lists them)"
     if settings.pixel_format is not None:
         fourcc = cv2.VideoWriter.fourcc(*settings.pixel_format)
         yield _PropertySetting(
@@ -241,21 +310,32 @@ def _video_mode(settings: CameraSettings) -> Iterator[_PropertySetting]:
         yield _PropertySetting("images per second", cv2.CAP_PROP_FPS, (settings.rate_hz,), tolerance, modes)
 
 
+_KEEP_AUTOMATIC = "switch it off with `v4l2-ctl`, or keep it with --automatic (heights then drift)"
+
+
 def _image_controls(settings: CameraSettings) -> Iterator[_PropertySetting]:
     if settings.auto_exposure is not None or settings.exposure_ms is not None:
         accepted = _AUTOMATIC if settings.auto_exposure else _MANUAL
-        yield _PropertySetting("exposure mode (1 manual, 3 automatic)", cv2.CAP_PROP_AUTO_EXPOSURE, accepted)
+        label = "exposure mode (1 manual, 3 automatic)"
+        yield _PropertySetting(label, cv2.CAP_PROP_AUTO_EXPOSURE, accepted, remedy=_KEEP_AUTOMATIC)
     if settings.exposure_ms is not None:
         steps = float(round(settings.exposure_ms * _EXPOSURE_STEPS_PER_MS))
         yield _PropertySetting("exposure (in steps of 0.1 ms)", cv2.CAP_PROP_EXPOSURE, (steps,))
     if settings.gain is not None:
         yield _PropertySetting("gain", cv2.CAP_PROP_GAIN, (settings.gain,))
-    if settings.auto_white_balance is not None or settings.white_balance_k is not None:
-        on = 1.0 if settings.auto_white_balance else 0.0
-        yield _PropertySetting("automatic white balance (0 off, 1 on)", cv2.CAP_PROP_AUTO_WB, (on,))
-    if settings.white_balance_k is not None:
-        kelvin = settings.white_balance_k
+    kelvin, focus = settings.white_balance_k, settings.focus
+    for label, prop, is_on, fixed in (
+        ("automatic white balance (0 off, 1 on)", cv2.CAP_PROP_AUTO_WB, settings.auto_white_balance, kelvin),
+        ("autofocus (0 off, 1 on)", cv2.CAP_PROP_AUTOFOCUS, settings.autofocus, focus),
+    ):
+        if is_on is not None or fixed is not None:
+            # A grey camera has no white balance, and a fixed lens no autofocus: nothing there regulates itself.
+            absent = not is_on
+            yield _PropertySetting(label, prop, (float(bool(is_on)),), 0.5, _KEEP_AUTOMATIC, can_be_absent=absent)
+    if kelvin is not None:
         yield _PropertySetting("white balance in kelvin", cv2.CAP_PROP_WB_TEMPERATURE, (kelvin,), 0.01 * kelvin)
+    if focus is not None:
+        yield _PropertySetting("focus", cv2.CAP_PROP_FOCUS, (focus,))
 
 
 def _read_settings(capture: VideoCaptureProtocol) -> CameraSettings:
@@ -268,9 +348,10 @@ def _read_settings(capture: VideoCaptureProtocol) -> CameraSettings:
     exposure_mode, exposure = reported(cv2.CAP_PROP_AUTO_EXPOSURE), reported(cv2.CAP_PROP_EXPOSURE)
     is_manual = exposure_mode is None or exposure_mode in _MANUAL
     auto_wb, kelvin = reported(cv2.CAP_PROP_AUTO_WB), reported(cv2.CAP_PROP_WB_TEMPERATURE)
+    autofocus = reported(cv2.CAP_PROP_AUTOFOCUS)
     fourcc = int(capture.get(cv2.CAP_PROP_FOURCC))
     return CameraSettings(
-        size_px=(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))),
+        size_px=_image_size_px(capture),
         rate_hz=reported(cv2.CAP_PROP_FPS),
         pixel_format=fourcc.to_bytes(4, "little").decode("ascii", errors="replace") if fourcc > 0 else None,
         auto_exposure=None if exposure_mode is None else not is_manual,
@@ -278,6 +359,8 @@ def _read_settings(capture: VideoCaptureProtocol) -> CameraSettings:
         gain=reported(cv2.CAP_PROP_GAIN),
         auto_white_balance=None if auto_wb is None else bool(auto_wb),
         white_balance_k=None if auto_wb else kelvin,
+        autofocus=None if autofocus is None else bool(autofocus),
+        focus=None if autofocus else reported(cv2.CAP_PROP_FOCUS),
     )
 
 
@@ -298,7 +381,7 @@ def list_cameras(kernel_list: Path = _KERNEL_DEVICE_LIST, device_folder: Path = 
         CameraDevice(str(device_folder / node.name), _read_text(node / "name", "unnamed"), _usb_addresses(node))
         for node in nodes
     ]
-    return [device for device in found if _delivers_images(device.path)]
+    return [device for device in found if delivers_images(Path(device.path))]
 
 
 def _read_text(path: Path, default: str) -> str:
@@ -331,42 +414,6 @@ def _silence_remedy(device: int | str) -> str:
 
 def _device_path(device: int | str) -> Path:
     return Path(f"/dev/video{device}" if isinstance(device, int) else device)
-
-
-def _exposure_limits_ms(path: Path) -> tuple[float, float]:
-    if sys.platform != "linux":
-        return _USUAL_EXPOSURE_MS
-    request = bytearray(_CONTROL_BYTES)
-    request[:4] = _EXPOSURE_CONTROL.to_bytes(4, "little")
-    try:
-        _query_device(path, _QUERY_CONTROL, request)
-    except OSError:
-        return _USUAL_EXPOSURE_MS
-    least, most = _CONTROL_LIMITS.unpack_from(request, _CONTROL_LIMITS_AT)
-    return least / _EXPOSURE_STEPS_PER_MS, most / _EXPOSURE_STEPS_PER_MS
-
-
-def _query_device(path: Path, request: int, reply: bytearray) -> None:
-    import fcntl  # not on Windows, where no device gets this far
-
-    handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
-    try:
-        fcntl.ioctl(handle, request, reply)
-    finally:
-        os.close(handle)
-
-
-def _delivers_images(path: str) -> bool:
-    """Return whether a device delivers images; a UVC camera also lists one that delivers only metadata.
-
-    A device that may not be queried counts as a camera: the user must hear of the missing permission.
-    """
-    reply = bytearray(104)
-    try:
-        _query_device(Path(path), _QUERY_CAPABILITIES, reply)
-    except OSError:
-        return True
-    return bool(int.from_bytes(reply[_DEVICE_CAPABILITIES], "little") & _VIDEO_CAPTURE)
 
 
 def _open_failure(device: int | str) -> str:

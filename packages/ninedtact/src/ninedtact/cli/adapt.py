@@ -12,7 +12,7 @@ import tyro
 
 from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedPages
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
-from ninedtact.cli.shared_options import AutomaticOption, JsonOption, ReferenceOption
+from ninedtact.cli.shared_options import CameraOption, CameraOptions, JsonOption, ReferenceOption
 from ninedtact.errors import InputError
 from ninedtact.quantities import DISPLAY_FACTORS, WRENCH_AXES
 from ninedtact.recording.errors import require_recording_libraries
@@ -53,7 +53,7 @@ class Adapt:
     source: str | None = None
     """The camera that the page shows first: a camera, a stream, a recording; or sim, the sensor's twin, whose gel is softer or
     stiffer than the calibration assumes."""
-    automatic: AutomaticOption = False
+    camera: CameraOption = CameraOptions()
     on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     dry_run: bool = False
     """Print what was found without keeping it."""
@@ -100,7 +100,7 @@ class Adapt:
         """Serve the guided calibration in the browser until Ctrl-C, and print its result."""
         folder = load_sensor_with_notices(self.sensor)
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            file = GuidedPages(self.on_page, self.source, self.automatic).calibrate_force(folder, self.force)
+            file = GuidedPages(self.on_page, self.source, self.camera.settings()).calibrate_force(folder, self.force)
         if file is None:
             print_notice(f"stopped before anything was saved; {self.sensor} is as it was")
             return 1

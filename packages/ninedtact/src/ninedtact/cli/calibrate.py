@@ -34,10 +34,11 @@ from ninedtact.cli.result_and_interrupt import (
     sensor_replacement,
 )
 from ninedtact.cli.shared_options import (
-    AutomaticOption,
+    CameraOption,
+    CameraOptions,
     DesignFileOption,
     JsonOption,
-    camera_settings,
+    SizeOption,
     read_design_or_default,
 )
 from ninedtact.design import SensorDesign
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.procedure import Calibration, CalibrationImages
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.capture.frame_source import FrameSource
+    from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.quantities import BgrImage
 
 _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
@@ -89,7 +90,8 @@ class CalibrateCommand:
     source: str | None = None
     """Take the images with this camera (0, /dev/video0, the URL of a stream) or from a recording (a video, a folder); or sim, a
     simulated sensor, on which board and ball are pressed by themselves."""
-    automatic: AutomaticOption = False
+    size: SizeOption = None
+    camera: CameraOption = CameraOptions()
     ball_radius_mm: float | None = None
     """Radius of the ball. Without it, the design's radius is used (4 mm for the published sensor)."""
     second_ball_radius_mm: float | None = None
@@ -159,7 +161,7 @@ class CalibrateCommand:
                 remedy="drop --page",
             )
         design, settings, name = self.resolved_design, self.settings, self.sensor_id
-        pages = GuidedPages(self.on_page, self.source, self.automatic)
+        pages = GuidedPages(self.on_page, self.source, self.camera.settings(self.size))
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
             return pages.calibrate_shape(self.out, name, design, settings, self.with_second_ball)
 
@@ -247,7 +249,7 @@ class CalibrateCommand:
                 self.source,
                 self.resolved_design,
                 self.settings,
-                self.automatic,
+                self.camera.settings(self.size),
                 {} if taken is None else taken,
                 self.with_second_ball,
             )
@@ -323,6 +325,8 @@ def _require_kept_lens(settings: CalibrationSettings, folder: "SensorFolder") ->
 
     asked, kept = settings.camera_rotation_deg, folder.record.grid.camera_rotation_deg
     refused = [] if asked in ("auto", kept) else [f"--camera-rotation-deg {asked}"]
+    if settings.camera_mirrored and not folder.record.grid.camera_mirrored:
+        refused.append("--camera-mirrored")
     if settings.lens == "paper" and not isinstance(folder.record.lens, PinMapTable):
         refused.append("--lens paper")
     if refused:
@@ -338,7 +342,7 @@ def _capture_guided_images(
     source: str,
     design: SensorDesign,
     settings: CalibrationSettings,
-    automatic: bool,
+    camera_settings: "CameraSettings",
     taken: "dict[str, BgrImage]",
     second_ball: bool,
 ) -> "CalibrationImages":
@@ -350,7 +354,7 @@ def _capture_guided_images(
 
     status = StatusLine()
     simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
-    chosen = source_for(source, camera_settings(automatic)) if simulated is None else simulated
+    chosen = source_for(source, camera_settings) if simulated is None else simulated
     with LatestFrameSource(chosen) if chosen.is_live else chosen as camera:
         for step in guided_capture_steps(design, settings, second_ball):
             status.print_title(step.instruction)

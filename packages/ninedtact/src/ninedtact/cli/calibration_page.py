@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from random import uniform
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.result_and_interrupt import print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import PageSensor, require_page_libraries, serve_sensor_page
-from ninedtact.cli.shared_options import PageAddressOption, PageAddressOptions, camera_settings
+from ninedtact.cli.shared_options import CameraOptions, PageAddressOption, PageAddressOptions
 from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.source_addresses import SIMULATED, is_twin_address, source_in_real_time
@@ -21,7 +21,7 @@ from ninedtact.source_addresses import SIMULATED, is_twin_address, source_in_rea
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.calibration.settings import CalibrationSettings
-    from ninedtact.capture.frame_source import FrameSource
+    from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.design import SensorDesign
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
     from ninedtact.studio.calibration_page import CalibrationPage
@@ -53,8 +53,8 @@ class GuidedPages:
     options: CalibrationPageOptions
     source: str | None = None
     """The camera that is shown first; None for the first one of this computer, or the simulated sensor."""
-    automatic: bool = False
-    """Keep the camera's automatic exposure and white balance."""
+    camera: "CameraSettings" = field(default_factory=CameraOptions().settings)
+    """Settings of a camera on this computer."""
 
     def __post_init__(self) -> None:
         require_page_libraries()
@@ -112,7 +112,7 @@ class GuidedPages:
             if simulated is not None:
                 simulated.offer(ball_press_under_load(grams))
 
-        camera = self._switchable_camera(list_cameras, simulated)
+        camera = self._switchable_camera(list_cameras, simulated, folder)
         session = ForceCalibrationSession(camera, folder.path, calibration, on_load=offer_load)
         make_page = partial(
             ForceCalibrationPage,
@@ -135,8 +135,7 @@ class GuidedPages:
         """
         assert self.source is not None
         force = force or (NONE if folder.record.twin is None else PHYSICS)
-        camera = camera_settings(self.automatic)
-        live = assemble_live_sensor(folder, self.source, settings=camera, estimator=force, notify=print_notice)
+        live = assemble_live_sensor(folder, self.source, settings=self.camera, estimator=force, notify=print_notice)
         return PageSensor(folder, live)
 
     def _serve_live(self, folder: "SensorFolder", force: str | None = None) -> None:
@@ -144,7 +143,10 @@ class GuidedPages:
         serve_sensor_page([sensor], self.guard, self.port, _READINGS, _LIVE_HZ, ends=False)
 
     def _switchable_camera(
-        self, list_cameras: "Callable[[], dict[str, str]]", simulated: "SimulatedCalibrationCamera | None"
+        self,
+        list_cameras: "Callable[[], dict[str, str]]",
+        simulated: "SimulatedCalibrationCamera | None",
+        folder: "SensorFolder | None" = None,
     ) -> "SwitchableCamera":
         """Return the camera that a page begins with; another one, or the simulated sensor, can be chosen there."""
         from ninedtact.studio.guided_session import SwitchableCamera
@@ -152,7 +154,7 @@ class GuidedPages:
         def open_source(address: str) -> "FrameSource":
             if simulated is not None and is_twin_address(address):
                 return simulated
-            return source_in_real_time(address, camera_settings(self.automatic))
+            return source_in_real_time(address, self.camera, sensor=folder)
 
         return SwitchableCamera(open_source, self.source or next(iter(list_cameras())))
 

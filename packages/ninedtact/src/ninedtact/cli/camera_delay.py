@@ -9,9 +9,10 @@ import msgspec
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
 from ninedtact.cli.shared_options import JsonOption, require_duration
-from ninedtact.source_addresses import is_twin_address
+from ninedtact.source_addresses import is_twin_address, source_for
 
 if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.capture.camera_delay import LightSwitch
     from ninedtact.capture.frame_source import FrameSource
 
@@ -47,7 +48,7 @@ class CameraDelayCommand:
 
         require_duration(self.seconds)
         folder = None if self.sensor is None else load_sensor_with_notices(self.sensor)
-        camera, light = self._camera_and_light()
+        camera, light = self._camera_and_light(folder)
         with camera:
             if isinstance(camera, UvcCamera):
                 print_notice(f"{camera.name}: {describe_camera_settings(camera.current_settings)}")
@@ -66,7 +67,7 @@ class CameraDelayCommand:
             self.json, {**msgspec.to_builtins(found), "file": None if file is None else str(file)}, lines
         )
 
-    def _camera_and_light(self) -> "tuple[FrameSource, LightSwitch]":
+    def _camera_and_light(self, folder: "SensorFolder | None") -> "tuple[FrameSource, LightSwitch]":
         """Return the camera, not yet opened, and the light; raises `InputError`."""
         from ninedtact.capture.camera_delay import (
             LightSwitchedByFile,
@@ -75,7 +76,6 @@ class CameraDelayCommand:
             TerminalLight,
         )
         from ninedtact.capture.frame_source import FIXED_EXPOSURE
-        from ninedtact.capture.source_from_address import camera_or_file_source
 
         if is_twin_address(self.source):
             simulated = SimulatedLight()
@@ -83,4 +83,4 @@ class CameraDelayCommand:
         light = (
             TerminalLight(sys.stderr) if self.light == SCREEN else LightSwitchedByFile(Path(self.light).expanduser())
         )
-        return camera_or_file_source(self.source, FIXED_EXPOSURE), light
+        return source_for(self.source, FIXED_EXPOSURE, folder), light

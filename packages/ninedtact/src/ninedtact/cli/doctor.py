@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import arg
 
 from ninedtact._version import installation_command
 from ninedtact.cli.result_and_interrupt import StepLine, print_result
-from ninedtact.cli.shared_options import JsonOption
+from ninedtact.cli.shared_options import JsonOption, SizeOption, parse_image_size
 
 if TYPE_CHECKING:
     from ninedtact.capture.camera_check import CameraCheck
@@ -51,6 +53,9 @@ class Doctor:
     source: str | None = None
     """Examine this source instead of all cameras: 0, /dev/video0, URL, FILE or FOLDER. Files are read to their end,
     which shows whether images are missing or damaged."""
+    size: SizeOption = None
+    pixel_format: Annotated[str | None, arg(metavar="MJPG|YUYV|…")] = None
+    """Pixel format in which the rate is measured. Without it, and without --size, the mode that the camera is in."""
     json: JsonOption = False
 
     def run(self) -> int:
@@ -62,17 +67,23 @@ class Doctor:
 
     def _check_cameras(self) -> "list[CameraCheck]":
         from ninedtact.capture.camera_check import check_camera
+        from ninedtact.capture.frame_source import CameraSettings
         from ninedtact.capture.source_from_address import camera_or_file_source
         from ninedtact.capture.uvc_camera import list_cameras
         from ninedtact.source_addresses import source_for
 
+        size_px = None if self.size is None else parse_image_size(self.size)
+        settings = CameraSettings(size_px=size_px, pixel_format=self.pixel_format)
+
         with StepLine() as line:
             if self.source is not None:
                 line.show(f"examining {self.source}; files are read to their end")
-                return [check_camera(source_for(self.source))]
+                return [check_camera(source_for(self.source, settings))]
             line.show("measuring the frame rate of every camera")
             return [
-                check_camera(camera_or_file_source(camera.path), ", ".join((camera.name, *camera.usb_addresses)))
+                check_camera(
+                    camera_or_file_source(camera.path, settings), ", ".join((camera.name, *camera.usb_addresses))
+                )
                 for camera in list_cameras()
             ]
 
@@ -127,10 +138,22 @@ def camera_lines(camera: "CameraCheck") -> list[str]:
         from ninedtact.capture.camera_check import describe_camera_settings
 
         lines.append(f"    {describe_camera_settings(camera.settings)}")
+    lines += [f"    {sizes}" for sizes in _mode_lines(camera)]
     lines += [f"    {sentence}" for sentence in camera.advice]
     if camera.trouble is not None:
         lines.append(f"    {camera.trouble}")
     return lines
+
+
+def _mode_lines(camera: "CameraCheck") -> Iterator[str]:
+    """Yield a line for each pixel format: the sizes that it has, with the largest rate of each."""
+    for pixel_format in dict.fromkeys(mode.pixel_format for mode in camera.modes):
+        modes = [mode for mode in camera.modes if mode.pixel_format == pixel_format]
+        sizes = (
+            f"{mode.size_px[0]}x{mode.size_px[1]}" + (f" at {max(mode.rates_hz):g}" if mode.rates_hz else "")
+            for mode in modes
+        )
+        yield f"{pixel_format}: {', '.join(sizes)}"
 
 
 def _rate_text(camera: "CameraCheck") -> str:

@@ -16,7 +16,8 @@ from ninedtact.cli.serve_sensor_page import (
     serve_sensor_page,
 )
 from ninedtact.cli.shared_options import (
-    AutomaticOption,
+    CameraOption,
+    CameraOptions,
     DisplayRateOption,
     FollowReferenceOption,
     ForceOption,
@@ -26,7 +27,6 @@ from ninedtact.cli.shared_options import (
     PageAddressOption,
     PageAddressOptions,
     ReferenceOrFirstOption,
-    camera_settings,
     parse_named_sources,
 )
 from ninedtact.errors import InputError
@@ -57,7 +57,7 @@ class Live:
     out: Path = Path("readings")
     """Folder for the readings that are saved from the page."""
     follow_reference: FollowReferenceOption = True
-    automatic: AutomaticOption = False
+    camera: CameraOption = CameraOptions()
     loop: LoopOption = False
     display_hz: DisplayRateOption = 30.0
     address: PageAddressOption = PageAddressOptions()
@@ -76,7 +76,7 @@ class Live:
                     folder,
                     address,
                     self.reference,
-                    camera_settings(self.automatic),
+                    self.camera.settings(),
                     self.follow_reference,
                     self.loop,
                     self.force,

@@ -16,14 +16,14 @@ from ninedtact.cli.result_and_interrupt import (
     stop_on_signal,
 )
 from ninedtact.cli.shared_options import (
-    AutomaticOption,
     CameraDelayOption,
+    CameraOption,
+    CameraOptions,
     ForceTorqueOption,
     JsonOption,
     NamedSensorsOption,
     NamedSourcesOption,
     SecondsOption,
-    camera_settings,
     parse_named_sources,
     require_duration,
 )
@@ -79,7 +79,7 @@ class Record:
     camera_delay_ms: CameraDelayOption = 0.0
     force: str = NONE
     """Also record the wrench estimated from the images, by physics or by a force model (.onnx); takes the same reference images."""
-    automatic: AutomaticOption = False
+    camera: CameraOption = CameraOptions()
     json: JsonOption = False
 
     def run(self) -> int:
@@ -170,7 +170,7 @@ class Record:
         if is_twin_address(address):
             camera, force_torque = twin_sources(folder, self.force_torque is not None, name)
         else:
-            camera, force_torque = source_in_real_time(address, camera_settings(self.automatic)), None
+            camera, force_torque = source_in_real_time(address, self.camera.settings(), sensor=folder), None
             if self.force_torque is not None:
                 from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
 

@@ -20,7 +20,8 @@ from ninedtact.cli.result_and_interrupt import (
     stop_on_signal,
 )
 from ninedtact.cli.shared_options import (
-    AutomaticOption,
+    CameraOption,
+    CameraOptions,
     FollowReferenceOption,
     ForceOption,
     ForceTorqueOption,
@@ -32,7 +33,6 @@ from ninedtact.cli.shared_options import (
     SensorOrDemoTwinOption,
     ServerHostOption,
     SourceOption,
-    camera_settings,
     parse_named_sources,
     require_duration,
     require_points_every,
@@ -62,7 +62,7 @@ class SharedSensorOptions:
     force: ForceOption = PHYSICS
     seconds: SecondsOption = None
     follow_reference: FollowReferenceOption = True
-    automatic: AutomaticOption = False
+    camera: CameraOption = CameraOptions()
     loop: LoopOption = False
 
     @contextmanager
@@ -76,7 +76,7 @@ class SharedSensorOptions:
                 assemble_live_sensor(
                     folder,
                     source,
-                    settings=camera_settings(self.automatic),
+                    settings=self.camera.settings(),
                     follow_reference=self.follow_reference,
                     loop=self.loop,
                     estimator=load_estimator_with_notices(self.force, folder),

@@ -5,7 +5,7 @@ packages that give a choice its meaning are loaded when a command runs.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -57,10 +57,11 @@ CameraDelayOption = Annotated[
     ),
 ]
 ForceOption = Annotated[str, arg(help="Estimator of force and torque: physics, a force model (.onnx), or none.")]
-AutomaticOption = Annotated[
-    bool,
+SizeOption = Annotated[
+    str | None,
     arg(
-        help="Keep the camera's automatic exposure and white balance, where they cannot be switched off. Depths then drift."
+        metavar="COLSxROWS",
+        help="Size of the camera's images, such as 1280x800; `ninedtact doctor` lists those that it has.",
     ),
 ]
 FollowReferenceOption = Annotated[
@@ -111,6 +112,36 @@ class PageAddressOptions:
         from ninedtact.live.socket_guard import SocketGuard
 
         return SocketGuard.for_host(self.host, self.allow_origin)
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """How a camera on this computer is set."""
+
+    automatic: bool = False
+    """Keep what the camera regulates by itself (exposure, white balance, focus, gain), where it cannot be switched off. Depths then
+    drift."""
+    pixel_format: Annotated[str | None, arg(metavar="MJPG|YUYV|…")] = None
+    """Pixel format of the camera. Without it the camera's own, or motion JPEG where USB is too slow for uncompressed images."""
+
+    def settings(self, size: str | None = None) -> "CameraSettings":
+        """Return the settings of a camera; size: COLSxROWS, without which it is the sensor's, or 640x480. Raises `InputError`."""
+        from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
+
+        settings = DEFAULT_CAMERA if self.automatic else FIXED_EXPOSURE
+        size_px = settings.size_px if size is None else parse_image_size(size)
+        return replace(settings, size_px=size_px, pixel_format=self.pixel_format)
+
+
+CameraOption = Annotated[CameraOptions, arg(name="")]
+
+
+def parse_image_size(text: str) -> tuple[int, int]:
+    """Return columns and rows of a size such as 1280x800; raises `InputError`."""
+    match = re.fullmatch(r"([1-9]\d{1,4})[xX×]([1-9]\d{1,4})", text)
+    if match is None:
+        raise InputError(expected="--size as COLSxROWS, such as 1280x800", got=f"'{text}'", remedy="correct it")
+    return int(match[1]), int(match[2])
 
 
 PageAddressOption = Annotated[PageAddressOptions, arg(name="")]
@@ -165,13 +196,6 @@ def _split_named(option: str, named: tuple[str, ...]) -> dict[str, str]:
             )
         found[match["name"]] = match["address"]
     return found
-
-
-def camera_settings(automatic: bool) -> "CameraSettings":
-    """Return the settings of a camera whose exposure and white balance are fixed, or left automatic."""
-    from ninedtact.capture.frame_source import DEFAULT_CAMERA, FIXED_EXPOSURE
-
-    return DEFAULT_CAMERA if automatic else FIXED_EXPOSURE
 
 
 def read_design_or_default(path: Path | None) -> SensorDesign:

@@ -290,7 +290,7 @@ class Rectification:
             raise FileFormatError(
                 expected=f"images of {cols}x{rows} pixels as this sensor was calibrated with",
                 got=f"{got_cols}x{got_rows}",
-                remedy="set the camera to that size, or calibrate again at the new one",
+                remedy="give images of that size, or calibrate this size (`ninedtact calibrate --size`)",
             )
 
     @cached_property

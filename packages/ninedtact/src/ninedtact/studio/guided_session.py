@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 import cv2
 
-from ninedtact.calibration.brightness_change import OVEREXPOSED
+from ninedtact.calibration.brightness_change import overexposed_share
 from ninedtact.calibration.guidance import exposure_advice
 from ninedtact.capture.frame_pacing import LatestFrameSource
 from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceEnded
@@ -50,8 +50,7 @@ def measure_image_quality(image: BgrImage, last: ImageQuality | None) -> ImageQu
     curvature = cv2.Laplacian(cv2.GaussianBlur(grey, (0, 0), _SHARPNESS_BLUR_PX), cv2.CV_32F)
     sharpness = float(curvature.std())
     best = sharpness if last is None else max(sharpness, last.best_sharpness)
-    overexposed = float((grey >= OVEREXPOSED).mean())
-    return ImageQuality(float(grey.mean()), overexposed, sharpness, best, exposure_advice(image))
+    return ImageQuality(float(grey.mean()), overexposed_share(image), sharpness, best, exposure_advice(image))
 
 
 @dataclass

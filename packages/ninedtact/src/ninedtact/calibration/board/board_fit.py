@@ -170,17 +170,22 @@ class BoardFit:
 
 
 def fit_board(
-    reference: BgrImage, press: BgrImage, board: PinBoard, mounting: CameraRotation | Literal["auto"] = "auto"
+    reference: BgrImage,
+    press: BgrImage,
+    board: PinBoard,
+    mounting: CameraRotation | Literal["auto"] = "auto",
+    mirrored: bool = False,
 ) -> BoardFit:
     """Find the pins with sub-pixel accuracy and fit the lens; raises `BoardNotFound`, `CalibrationError`.
 
-    reference, press: raw images (rows, cols, 3) of the skin without contact and of the pressed skin, of one size.
+    reference, press: raw images (rows, cols, 3) of the skin without contact and of the pressed skin, of one size. mirrored: whether
+    the camera mirrors them left to right, which no board shows.
     """
     require_same_image_size("board image", reference, press)
     require_usable_exposure("board reference", reference)
     require_usable_exposure("board image", press)
     change = flat_fielded_brightness_change(reference, press)
-    candidate = find_board_candidate(change, board, mounting)
+    candidate = find_board_candidate(change, board, mounting, mirrored)
     if candidate is None or not is_plausible_board(candidate, board):
         seen_px = candidate.consistent_spots_px(board) if candidate else np.empty((0, 2))
         raise make_board_not_found_error(change, board, seen_px, candidate)
@@ -191,7 +196,7 @@ def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, 
     """Refine imprint centres and lens in turn, and search for undetected pins where the lens predicts them."""
     cols, rows = lattice_size(board, candidate.mounting)
     nodes = np.array([(column, row) for row in range(rows) for column in range(cols)])
-    points_mm = lattice_to_skin_mm(nodes, board, candidate.mounting)
+    points_mm = lattice_to_skin_mm(nodes, board, candidate.mounting, candidate.mirrored)
     image, noise, fit = smooth_gaussian(change, SMOOTHING_PX), estimate_pixel_noise(change), candidate.fit
     strays = np.zeros(len(nodes), bool)
     for _ in range(_REFINEMENT_ITERATIONS):

@@ -43,10 +43,15 @@ def lattice_size(board: PinBoard, mounting: CameraRotation) -> tuple[int, int]:
     return (board.cols, board.rows) if mounting in (0, 180) else (board.rows, board.cols)
 
 
-def lattice_to_skin_mm(nodes: Int[Array, "n 2"], board: PinBoard, mounting: CameraRotation) -> Points:
-    """Return the positions on the skin (sensor frame) of lattice nodes (column, row along the image's axes)."""
+def lattice_to_skin_mm(
+    nodes: Int[Array, "n 2"], board: PinBoard, mounting: CameraRotation, mirrored: bool = False
+) -> Points:
+    """Return the positions on the skin (sensor frame) of lattice nodes (column, row along the image's axes).
+
+    mirrored: whether the camera mirrors the image left to right, which is undone before the rotation.
+    """
     size = np.array(lattice_size(board, mounting))
-    along_image = (nodes - (size - 1) / 2) * board.pitch_mm
+    along_image = (nodes - (size - 1) / 2) * board.pitch_mm * ((-1, 1) if mirrored else (1, 1))
     return along_image @ _rotation_matrix(mounting)
 
 
@@ -222,6 +227,7 @@ class BoardCandidate:
     lattice: PinLattice
     mounting: CameraRotation
     fit: LensFit
+    mirrored: bool = False
 
     @property
     def median_error_mm(self) -> float:
@@ -240,11 +246,14 @@ class BoardCandidate:
 
 
 def find_board_candidate(
-    change: Float32[Array, "rows cols"], board: PinBoard, mounting: CameraRotation | Literal["auto"]
+    change: Float32[Array, "rows cols"],
+    board: PinBoard,
+    mounting: CameraRotation | Literal["auto"],
+    mirrored: bool = False,
 ) -> BoardCandidate | None:
     """Return the most complete and best explained lattice over all spot sizes and orientations."""
     best: BoardCandidate | None = None
-    for candidate in _generate_board_candidates(change, board, mounting):
+    for candidate in _generate_board_candidates(change, board, mounting, mirrored):
         best = candidate if best is None or candidate.rank > best.rank else best
         if _is_unambiguous(best, board):
             break
@@ -262,7 +271,16 @@ def is_plausible_board(candidate: BoardCandidate, board: PinBoard) -> bool:
 def predict_missing_pins(
     candidate: BoardCandidate, board: PinBoard, seen_px: Float[Array, "seen 2"], shape: tuple[int, ...]
 ) -> Float[Array, "missing 2"]:
-    """Return where a candidate's lens predicts pins within the image that were not seen.
+    """Return where a candidate's lens predicts pins within the image that were not seen."""
+    nearest, extent = _predict_board_px(candidate, board, shape), np.array(shape[1::-1])
+    size = lattice_size(board, candidate.mounting)
+    apart_px = np.hypot(*(nearest[:, None] - seen_px[None]).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
+    pitch_px = float(np.median(np.hypot(*np.diff(nearest.reshape(size[1], size[0], 2), axis=1).reshape(-1, 2).T)))
+    return nearest[(apart_px > pitch_px / 2) & ((nearest >= 0) & (nearest < extent)).all(axis=1)]
+
+
+def _predict_board_px(candidate: BoardCandidate, board: PinBoard, shape: tuple[int, ...]) -> Float[Array, "pins 2"]:
+    """Return where a candidate's lens predicts all pins of the board.
 
     Where a whole side is missing, the lattice may continue on either side: the board whose middle is nearest to that of the image
     is taken, which is likely but not certain, so that this serves to advise and not to calibrate.
@@ -271,14 +289,11 @@ def predict_missing_pins(
     grid = np.array([(column, row) for row in range(size[1]) for column in range(size[0])])
     ranges = (range(low, high + 1) for low, high in zip(nodes.max(axis=0) - size + 1, nodes.min(axis=0), strict=True))
     boards_px = [
-        candidate.fit.lens.to_px(lattice_to_skin_mm(grid + corner, board, candidate.mounting))
+        candidate.fit.lens.to_px(lattice_to_skin_mm(grid + corner, board, candidate.mounting, candidate.mirrored))
         for corner in product(*ranges)
     ]
     extent = np.array(shape[1::-1])
-    nearest = min(boards_px, key=lambda px: float(np.hypot(*(px.mean(axis=0) - extent / 2))))
-    apart_px = np.hypot(*(nearest[:, None] - seen_px[None]).transpose(2, 0, 1)).min(axis=1, initial=np.inf)
-    pitch_px = float(np.median(np.hypot(*np.diff(nearest.reshape(size[1], size[0], 2), axis=1).reshape(-1, 2).T)))
-    return nearest[(apart_px > pitch_px / 2) & ((nearest >= 0) & (nearest < extent)).all(axis=1)]
+    return min(boards_px, key=lambda px: float(np.hypot(*(px.mean(axis=0) - extent / 2))))
 
 
 def _is_unambiguous(candidate: BoardCandidate, board: PinBoard) -> bool:
@@ -290,7 +305,7 @@ def _is_unambiguous(candidate: BoardCandidate, board: PinBoard) -> bool:
 
 
 def _generate_board_candidates(
-    change: Float32[Array, "rows cols"], board: PinBoard, mounting: CameraRotation | Literal["auto"]
+    change: Float32[Array, "rows cols"], board: PinBoard, mounting: CameraRotation | Literal["auto"], mirrored: bool
 ) -> Iterator[BoardCandidate]:
     """Yield, at each spot size, the board-sized part of all lattices and orientations that has most contrast."""
     middle = np.array(change.shape[::-1]) / 2
@@ -300,8 +315,10 @@ def _generate_board_candidates(
         if parts:
             part, way = max(parts, key=lambda one: one[0].score)
             if len(part) >= _MIN_PINS_FOR_LENS:
-                points_mm = lattice_to_skin_mm(part.nodes, board, way)
-                yield BoardCandidate(part, way, fit_lens_with_terms(points_mm, part.points_px, change.shape, 1))
+                points_mm = lattice_to_skin_mm(part.nodes, board, way, mirrored)
+                yield BoardCandidate(
+                    part, way, fit_lens_with_terms(points_mm, part.points_px, change.shape, 1), mirrored
+                )
 
 
 _MIN_CONTACT_RANGE = 4.0
@@ -344,9 +361,18 @@ def make_board_not_found_error(
         advice = "the images look swapped: give the image without contact as the reference"
     else:
         advice = "press harder, hold the board flatter so that all pins touch, and check that it is the design's board"
+    is_plausible = candidate is not None and is_plausible_board(candidate, board)
+    if candidate is not None and is_plausible and len(seen_px):
+        board_px, extent = _predict_board_px(candidate, board, change.shape), np.array(change.shape[1::-1])
+        beyond = int(((board_px < 0) | (board_px >= extent)).any(axis=1).sum())
+        if 2 * beyond > board.count - len(seen_px) > 0:
+            advice = (
+                f"{beyond} pins lie beyond the border of the image: this mode of the camera cuts the picture; choose one that "
+                "shows the whole board (--size; `ninedtact doctor` lists the modes)"
+            )
     words = f"expected {board.count} pins ({board.cols} x {board.rows}), found {len(seen_px)}; {advice}"
     missing_px = None
-    if candidate is not None and len(seen_px) and is_plausible_board(candidate, board):
+    if candidate is not None and len(seen_px) and is_plausible:
         missing_px = predict_missing_pins(candidate, board, seen_px, change.shape)
     return BoardNotFound(words, len(seen_px), board.count, seen_px, change, missing_px)
 

@@ -25,6 +25,9 @@ _MAX_NAMED_MARKS = 3
 def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
     """Return all findings, most serious first; on a pressed, unknown or mirrored skin, light and gel are not diagnosed."""
     grave = find_reference_image_fault(drift)
+    dimmer = _find_dim_light(drift)
+    if dimmer is not None and (grave is None or grave.diagnosis == "another sensor's gel"):
+        return [dimmer]
     if grave is not None:
         return [grave]
     rest = (
@@ -35,6 +38,14 @@ def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
         _find_colour_change(drift),
     )
     return [finding for finding in rest if finding is not None]
+
+
+def _find_dim_light(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the image is so much dimmer that neither its skin nor its motion can be told."""
+    finding = _find_brightness_change(drift)
+    if finding is None or drift.dim is None or finding.diagnosis != "light dimmer":
+        return None
+    return DriftFinding(finding.diagnosis, f"{drift.dim}; {finding.sentence}", finding.height_mm)
 
 
 def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:

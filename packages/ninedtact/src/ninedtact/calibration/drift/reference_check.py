@@ -24,6 +24,7 @@ from ninedtact.calibration.brightness_change import (
     MAX_UNEVENNESS,
     BrightnessChange,
     ChangedSkinRegion,
+    dim_warning,
     estimate_pixel_noise,
     find_exposure_fault,
     flat_fielded_brightness_change,
@@ -129,6 +130,8 @@ class DriftMeasurement:
     """Relative change of blue, green and red, relative to their mean."""
     height_mm: float
     """Height error, at the worst of the view, if the calibration's reference image were kept."""
+    dim: str | None = None
+    """Why the image is too dim for its skin to be recognised, in words; None where it is not."""
 
     def equivalent_height_mm(self, change: float) -> float:
         """Return the depth that corresponds to a relative change at the image's mean brightness."""
@@ -163,6 +166,7 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
         _measure_brightness_change(known, today, nearest),
         _measure_colour_change(known.depth_image, today),
         known.worst_height_mm(today),
+        dim_warning(today),
     )
 
 

@@ -270,12 +270,13 @@ def _lens_displacement_modes(lens: LensModel, points_mm: Points) -> Float[Array,
 def _invert_lens_projection(lens: LensModel, pixels: Points, start_mm: Points) -> Points:
     """Return the points of the plane that the pixels see, by `INVERSION_ITERATIONS` Newton iterations from a start close to them.
 
-    Raises `PixelNotOnSkin` where the projection at a start of an iteration is singular or reverses orientation.
+    Raises `PixelNotOnSkin` where the projection at a start of an iteration is singular, or folds the image over.
     """
     points_mm = start_mm
     for _ in range(INVERSION_ITERATIONS):
         jacobian = lens.px_per_mm(points_mm)
-        if not (determinant_at_each_point(jacobian) > 0).all():
+        orientation = determinant_at_each_point(jacobian)  # negative throughout where the camera mirrors its images
+        if not ((orientation > 0).all() or (orientation < 0).all()):
             raise PixelNotOnSkin(
                 expected="a lens that maps the skin to the image one to one",
                 got="one that folds the image over",
