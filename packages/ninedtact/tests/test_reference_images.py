@@ -74,7 +74,11 @@ def test_it_never_follows_under_contact_nor_beyond_its_bound() -> None:
     reference = taken
     for second in range(200, 1200):
         reference = follower.follow(reading_of(SKIN * np.float32(0.9), reference, second)) or reference
-    assert follower.drift == pytest.approx(-0.05, abs=1e-3)
+    assert follower.drift == pytest.approx(-0.1, abs=1e-3)  # the gain of the whole has no bound
+    for second in range(1200, 1400):
+        bulge = SKIN * np.float32(0.9) * (1 + 0.1 * DENT).astype(np.float32)
+        reference = follower.follow(reading_of(bulge, reference, second)) or reference
+    assert (reference.grey / (0.9 * SKIN)).max() == pytest.approx(1.05, abs=2e-3)
 
 
 def test_an_image_that_is_no_press_is_not_followed() -> None:

@@ -11,7 +11,32 @@ from numpy import ndarray as Array
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
 from ninedtact.shape.image_plausibility import find_image_warnings
+from ninedtact.shape.light_change import LightChange
 from ninedtact.shape.surface import ShapeSummary, contact_mask, point_cloud, summarise_shape
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """An oscillation of the brightness of a stream."""
+
+    amplitude: float
+    """Half of the difference between bright and dark, relative to the brightness."""
+    period_s: float
+    """Period as the images show it; a lamp that is faster than half of the frame rate appears slower than it is."""
+
+
+@dataclass(frozen=True)
+class StreamMemory:
+    """What earlier images of a stream without contact told, which decides with the image itself whether something touches.
+
+    Images that are read alone, and those of recordings beyond their reference images, have no memory: all of it is zero.
+    """
+
+    noise: float = 0.0
+    """Largest noise of images without contact, after smoothing over a millimetre, relative to the brightness."""
+    learnt_s: float = 0.0
+    """Time over which the noise was learnt."""
+    flicker: Flicker | None = None
 
 
 @dataclass(frozen=True)
@@ -28,11 +53,12 @@ class Reading:
 
     frame: Frame
     rectified: Rectified
+    """The image on the skin's grid, in the light of the reference image: `light` says what was taken out."""
     height: HeightMap
     reference: Rectified
     """Rectified reference image (no contact) that the heights were computed against."""
     stage_ms: dict[str, float] = field(default_factory=dict)
-    """Duration of each stage in ms: capture, rectify, depth, force."""
+    """Duration of each stage in ms: capture, rectify (with the light), depth, force."""
     dropped: int = 0
     """Number of frames that were never read, of those that the source delivered since it was opened, or that a recording holds
     since its first."""
@@ -42,6 +68,10 @@ class Reading:
     """Reasons to distrust the calibration, or why the reference image cannot be that of the calibrated sensor; empty where neither
     was checked.
     """
+    light: LightChange = LightChange()
+    """What changed in the light since the reference image, and the dirt in view."""
+    stream: StreamMemory = StreamMemory()
+    """What was remembered of earlier images, and used to tell contact from noise."""
 
     def with_force(self, estimate: WrenchEstimate) -> "Reading":
         """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""
@@ -75,7 +105,17 @@ class Reading:
     def warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons to distrust the reading, for example a press beyond the calibrated range; empty where there are none."""
         of_force = () if self.force is None else self.force.warnings
-        return tuple(dict.fromkeys((*self.reference_warnings, *self.image_warnings, *of_force)))
+        flickers = () if self.stream.flicker is None else (EstimateWarning.LIGHT_FLICKERS,)
+        of_light = (*self.light.warnings, *flickers)
+        return tuple(dict.fromkeys((*self.reference_warnings, *self.image_warnings, *of_light, *of_force)))
+
+    @property
+    def light_sentences(self) -> tuple[str, ...]:
+        """Changes of the light, dirt and flicker in words, with figures; empty where there are none."""
+        flicker = self.stream.flicker
+        if flicker is None:
+            return self.light.sentences
+        return (*self.light.sentences, f"flicker of ±{flicker.amplitude:.1%} with a period of {flicker.period_s:.2f} s")
 
     @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:
@@ -133,17 +173,18 @@ def read_frame(
     depth_reader: DepthReader,
     watch: Stopwatch | None = None,
     dropped: int = 0,
+    stream: StreamMemory = StreamMemory(),
 ) -> Reading:
     """Return the reading of a frame: its shape against a reference image, still without a wrench.
 
     depth_reader: of the same calibration, with the reference image. watch: measures the stages. dropped: number of frames that
-    were never read. Raises `FileFormatError`.
+    were never read. stream: what earlier images told. Raises `FileFormatError`.
     """
     watch = Stopwatch() if watch is None else watch
-    rectified = shape.rectify(frame)
+    rectified, light = shape.light(shape.rectify(frame), depth_reader.reference)
     watch.mark("rectify")
     height = depth_reader(rectified)
     watch.mark("depth")
     doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if depth_reader.reference_faults else ()
     reference, warnings = depth_reader.reference, (*shape.warnings, *doubts)
-    return Reading(frame, rectified, height, reference, watch.stage_ms, dropped, reference_warnings=warnings)
+    return Reading(frame, rectified, height, reference, watch.stage_ms, dropped, None, warnings, light, stream)

@@ -2,7 +2,9 @@
 
 LEDs warm up, lamps change and gel creeps after a long press: the image without contact changes by some parts in a thousand within
 minutes, which would be read as a light touch. While nothing touches, the reference image is therefore an exponential average of the
-images. It stays within a bound of the image that was taken, and it rests under contact and for some seconds after one.
+images, in their own light but without bands and dirt. But for the gain of the whole, it stays within a bound of the image that was
+taken, and it rests under contact and for some seconds after one. What the same images teach about noise and flicker is
+remembered for the next reading (`stream_memory`).
 
 After a release, an imprint and the drift of the light during the press remain. They are faint beside the press, and fade; what is
 fainter than a small part of the press that has just ended is therefore not taken for a contact here, until it grows. The gel is
@@ -20,11 +22,13 @@ from numpy import ndarray as Array
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.force.contact_detection import measure_darkening_and_limit
 from ninedtact.quantities import Frame, Rectified, WrenchEstimate, diagonal_covariance
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, StreamMemory
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader, FindReferenceFaults
+from ninedtact.stream_memory import StreamLearner, learn_from_references
 
 _LOG = logging.getLogger(__name__)
 _NS_PER_S = 1e9
+_EVERY_ROWS = 24
 _LOGGED_STEP = 0.01
 """Change of the mean brightness after which a line is logged."""
 
@@ -40,7 +44,7 @@ class FollowingSettings:
     every_s: float = 1.0
     """Time between two images that enter the average; each costs a new reference image on all stages."""
     max_change: float = 0.05
-    """Largest change of any pixel's brightness, relative to the reference image that was taken."""
+    """Largest change of any pixel's brightness, relative to the reference image that was taken in the light of the mean."""
     rest_s: float = 5.0
     """Time after a contact before the reference follows again, so that it does not adopt the imprint of the contact."""
     residue: float = 0.04
@@ -87,6 +91,8 @@ class ReferenceImages:
     """Whether one was taken since the opening."""
     _follower: "ReferenceFollower | None" = field(init=False, repr=False)
     """Moves the one in use; None before the first reading that may move it."""
+    _begins_with: StreamMemory = field(init=False, repr=False)
+    """What the images of the one that was taken taught."""
 
     def __post_init__(self) -> None:
         self.begin()
@@ -96,6 +102,11 @@ class ReferenceImages:
         """Relative change of the mean brightness of the one in use since it was taken; zero where it does not follow."""
         return 0.0 if self._follower is None else self._follower.drift
 
+    @property
+    def memory(self) -> StreamMemory:
+        """What earlier images of this opening told; of a source whose reference does not follow, its reference images alone."""
+        return self._begins_with if self._follower is None else self._follower.learner.memory
+
     def begin(self) -> None:
         """Begin a new opening with the given one, or none, and with nothing of the opening before."""
         self._scheduled, self._is_taken = None, False
@@ -104,6 +115,8 @@ class ReferenceImages:
     def take(self, frames: Sequence[Frame], shape: CalibratedShape) -> None:
         """Use the mean of frames without contact; raises `ReferenceUnusable` and leaves the one in use."""
         self._use(shape.depth_reader(*frames, find_faults=self.find_faults))
+        assert self.in_use is not None
+        self._begins_with = learn_from_references(frames, shape, self.in_use)
         self._is_taken = True
 
     def replace_at(self, stamp_ns: int) -> bool:
@@ -123,7 +136,8 @@ class ReferenceImages:
         if self.in_use is None or self.following is None:
             return reading
         if self._follower is None:
-            self._follower = ReferenceFollower(self.in_use.reference, self.following)
+            learner = StreamLearner(self._begins_with)
+            self._follower = ReferenceFollower(self.in_use.reference, self.following, learner)
         moved = self._follower.follow(reading)
         if moved is not None:
             self.in_use = replace(self.in_use, reference=moved)
@@ -132,7 +146,7 @@ class ReferenceImages:
         )
 
     def _use(self, reader: DepthReader | None) -> None:
-        self.in_use, self._follower = reader, None
+        self.in_use, self._follower, self._begins_with = reader, None, StreamMemory()
 
 
 @dataclass
@@ -141,6 +155,8 @@ class ReferenceFollower:
 
     taken: Rectified
     settings: FollowingSettings = FollowingSettings()
+    learner: StreamLearner = field(default_factory=StreamLearner)
+    """Learns noise and flicker."""
     _mean: Float32[Array, "rows cols"] = field(init=False, repr=False)
     _followed_ns: int | None = field(default=None, init=False)
     """Stamp of the last image that entered the average."""
@@ -173,6 +189,7 @@ class ReferenceFollower:
         """Take notice of a reading and its force; return the new reference image where it has moved, None where it has not."""
         now_ns = reading.stamp_ns
         self._add_force(reading.force)
+        self.learner.learn_light(reading)
         if self._seconds_since(self._looked_ns, now_ns) < self.settings.look_every_s:
             return None
         self._looked_ns = now_ns
@@ -186,8 +203,9 @@ class ReferenceFollower:
             return None
         share = 1 - np.exp(-min(elapsed_s, self.settings.every_s) / self.settings.time_constant_s)
         self._followed_ns = now_ns
-        mean = self._mean + np.float32(share) * (reading.rectified.grey - self._mean)
-        low, high = (self.taken.grey * np.float32(1 + sign * self.settings.max_change) for sign in (-1, 1))
+        mean = self._mean + np.float32(share) * (reading.light.restore(reading.rectified.grey) - self._mean)
+        light = float(np.median(mean[::_EVERY_ROWS] / np.maximum(self.taken.grey[::_EVERY_ROWS], 1)))
+        low, high = (self.taken.grey * np.float32(light * (1 + sign * self.settings.max_change)) for sign in (-1, 1))
         self._mean = np.clip(mean, low, high)
         if abs(self.drift - self._logged) >= _LOGGED_STEP:
             self._logged = self.drift
@@ -219,6 +237,8 @@ class ReferenceFollower:
             self._largest_force = np.maximum(remaining, self._unassigned_force)
         if is_touched:
             self._touched_ns = reading.stamp_ns
+        elif self._seconds_since(self._touched_ns, reading.stamp_ns) >= self.settings.rest_s:
+            self.learner.learn_noise(reading)
         self._in_contact, self._unassigned_force = is_touched, np.zeros(6)
 
     def _unsettled_part(self, now_ns: int) -> float:

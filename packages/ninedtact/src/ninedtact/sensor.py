@@ -50,7 +50,7 @@ class Sensor:
         frame = self._next_frame()
         depth_reader = self._depth_reader_at(frame.stamp_ns)
         watch.mark("capture")
-        reading = read_frame(frame, self.shape, depth_reader, watch, self._count_dropped(frame))
+        reading = read_frame(frame, self.shape, depth_reader, watch, self._count_dropped(frame), self.references.memory)
         reading = self.estimator.add_force(reading)
         if reading.force is not None:
             watch.mark("force")

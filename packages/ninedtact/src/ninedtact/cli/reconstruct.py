@@ -15,6 +15,7 @@ from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.quantities import HeightMap
+    from ninedtact.reading import Reading
     from ninedtact.shape.calibrated_shape import DepthReader
 
 _HeightFormat = Literal["npy", "png", "ply", "stl", "obj"]
@@ -43,6 +44,7 @@ class ReconstructCommand:
         from ninedtact.capture.strict_image_reading import read_image
         from ninedtact.errors import FileFormatError
         from ninedtact.quantities import Frame
+        from ninedtact.reading import read_frame
         from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 
         if not self.images:
@@ -56,10 +58,9 @@ class ReconstructCommand:
         damage: FileFormatError | ImageImplausible | None = None
         try:
             for path, name in zip(self.images, _output_names(self.images), strict=True):
-                rectified = shape.rectify(Frame(read_image(path)))
-                height = depth(rectified)
-                require_plausible_image(str(path), rectified, depth.reference, height)
-                results.append(self.result(path, name, height, depth))
+                reading = read_frame(Frame(read_image(path)), shape, depth)
+                require_plausible_image(str(path), reading.rectified, depth.reference, reading.height)
+                results.append(self.result(path, name, reading, depth))
         except (FileFormatError, ImageImplausible) as error:
             if not results:
                 raise
@@ -71,19 +72,19 @@ class ReconstructCommand:
             print_notice(f"{damage} ({count_images(len(results))} reconstructed before, {after} not read)")
         return 0 if damage is None else 1
 
-    def result(self, path: Path, name: str, height: "HeightMap", depth: "DepthReader") -> dict[str, Any]:
+    def result(self, path: Path, name: str, reading: "Reading", depth: "DepthReader") -> dict[str, Any]:
         """Write one image's files and return its figures."""
         from ninedtact.shape.surface import summarise_shape
 
-        measured = summarise_shape(height)
+        measured = summarise_shape(reading.height)
         return {
             "image": str(path),
             **asdict(measured),
             "max_indentation_error_mm": inf
             if measured.is_deepest_clipped
             else depth.max_indentation_error_mm(measured.max_indentation_mm),
-            "warnings": measured.warnings,
-            "files": {kind: str(file) for kind, file in self._write_files(name, height)},
+            "warnings": (*measured.warnings, *reading.light_sentences),
+            "files": {kind: str(file) for kind, file in self._write_files(name, reading.height)},
         }
 
     def _write_files(self, name: str, height: "HeightMap") -> Iterator[tuple[str, Path]]:

@@ -1,9 +1,10 @@
 """Contact detection: whether anything touches the skin, and where. Without contact the force is exactly zero.
 
 Something touches where the image, compared with the reference image and smoothed over about a millimetre, is darker than its own
-noise could make it anywhere. The noise is estimated from the image itself, so that the rule needs no setting for a sensor that it
-has not seen, and a lamp that is brighter or dimmer than it was is not a contact. **To change the contact threshold, change
-`ContactThreshold`.**
+noise could make it anywhere. The noise is estimated from the image itself, as far as it is white, and from the grey levels: an
+image without noise, as compression leaves it, is wrong by up to one of them over wide regions. In a stream, what images without
+contact showed (`Reading.stream`) replaces that bound. So the rule needs no setting for a sensor that it has not seen, and a lamp
+that is brighter or dimmer than it was is not a contact. **To change the contact threshold, change `ContactThreshold`.**
 
 `detect_contact` returns whether anything touches, from a reading alone. `find_contact_region` returns where, on the cells of the
 traction inversion.
@@ -33,6 +34,10 @@ class ContactThreshold:
     a hundred of stronger ones."""
     min_darkening: float = 1e-3
     """Relative darkening below which no contact is detected, because a reference image is no more accurate than that."""
+    learnt_noises: float = 3.0
+    """Threshold in noises of the stream (`StreamMemory.noise`)."""
+    learnt_after_s: float = 10.0
+    """Time from which the noise of the stream is known and replaces the bound from the grey levels."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,12 @@ of real sensors, whose cameras sharpen and compress). What exceeds both is struc
 _NOISE_EVERY_ROWS = 48
 _SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
+_TILES = 3, 4
+"""Tiles in which the noise of a stream is measured."""
+_DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
+"""Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the error that it leaves."""
+_INTERPOLATED = 1.5
+"""Noise of a raw pixel over that of a rectified one, which bilinear interpolation reduces to two thirds on average."""
 _STD_PER_MEDIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its magnitude."""
 _FAINT_PRESSURE = 0.05
@@ -80,31 +91,69 @@ def measure_darkening_and_limit(
     reading: Reading, threshold: ContactThreshold = ContactThreshold()
 ) -> tuple[float, float]:
     """Return the largest relative darkening, smoothed over about a millimetre, and the limit above which it is a contact."""
-    image, reference = (
-        _average_over_cells(rectified.grey, reading.rectified.mm_per_px)
-        for rectified in (reading.rectified, reading.reference)
-    )
-    signal = image / np.maximum(reference, np.float32(1))
+    signal, view = _signal_and_view(reading)
     noise = max(estimate_cell_noise(signal), _MIN_NOISE)
     noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
-    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
-    return float(darkening.max()), float(
-        _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
-    )
+    darkening = _smoothed_darkening(signal, view, _SMOOTHING_CELLS)
+    limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
+    return float(darkening.max()), max(float(limit), correlated_noise_limit(reading, threshold))
+
+
+def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> float:
+    """Return the darkening that noise of neighbouring pixels alike may make: of compression, of rounding, of unsteady light.
+
+    The noise of a camera rounds grey levels up and down at random, so that their mean over a millimetre is right. The error that
+    is left falls with the variance of the noise (Widrow and Kollár 2008, docs/references.md). Noise that is alike over two cells,
+    as that of blocks of compression, is estimated from them.
+    """
+    learnt = threshold.learnt_noises * reading.stream.noise
+    if reading.stream.learnt_s >= threshold.learnt_after_s:
+        return learnt
+    level = max(float(reading.reference.grey[::_NOISE_EVERY_ROWS].mean()), 1.0)
+    noise_levels = _INTERPOLATED * _estimate_pixel_noise(reading.rectified.grey, reading.reference.grey) * level
+    rounding = float(np.exp(-2 * (np.pi * noise_levels) ** 2)) / level
+    if abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None:
+        rounding = max(rounding, _GAIN_ROUNDING_LEVELS / level)
+    signal, _ = _signal_and_view(reading)
+    rows, cols = signal.shape
+    coarse = np.asarray(cv2.resize(signal, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA))
+    noise = min(2 * estimate_cell_noise(coarse), _MAX_NOISE)
+    return max(learnt, rounding, float(_noise_limit(noise, threshold.noise_stds, 0.0, _SMOOTHING_CELLS)))
+
+
+def measure_smooth_noise(reading: Reading) -> float:
+    """Return the noise of an image without contact after smoothing, as its relative brightness.
+
+    It is the median over tiles of the largest brightening: a contact that is too light to be detected darkens, and in few tiles.
+    """
+    brightening = -_smoothed_darkening(*_signal_and_view(reading), _SMOOTHING_CELLS)
+    rows, cols = brightening.shape
+    down, across = _TILES
+    tiles = brightening[: rows // down * down, : cols // across * across]
+    tiles = tiles.reshape(down, rows // down, across, cols // across)
+    return max(float(np.median(tiles.max(axis=(1, 3)))), 0.0)
 
 
 def find_contact_region(
-    change: View, z_mm: View, in_view: View, noise: float, margin: int, settings: ContactRegionSettings
+    change: View,
+    z_mm: View,
+    in_view: View,
+    noise: float,
+    margin: int,
+    settings: ContactRegionSettings,
+    least_limit: float = 0.0,
 ) -> View | None:
     """Return one where pressure may act and zero elsewhere, or None where nothing touches.
 
     The region consists of the connected parts of indented skin that are deep enough to be more than noise, the cells that are
     much darker than the noise, and the rim of both. change: the observed signal on the cells, negative where darker, with this
-    noise. margin: number of cells around the image.
+    noise. margin: number of cells around the image. least_limit: darkening that is no contact whatever this noise
+    (`correlated_noise_limit`).
     """
     darkening = _smoothed_darkening(change, in_view, settings.smoothing_cells)
     threshold = settings.threshold
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, settings.smoothing_cells)
+    limit = max(limit, least_limit)
     if darkening.max() <= limit:
         return None
     max_depth_mm = max(-float(z_mm[margin:-margin, margin:-margin].min()), 0.0)
@@ -137,10 +186,25 @@ def cell_noise_upper_bound(
     cells: their number in the view. The noise of its pixels is estimated from second differences, to which structure over many
     pixels contributes little.
     """
+    pixel_noise = _estimate_pixel_noise(image, reference)
+    return max(_MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE * pixel_noise * float(np.sqrt(cells / image.size)))
+
+
+def _estimate_pixel_noise(image: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]) -> float:
+    """Return the standard deviation of a pixel's relative brightness."""
     rows = np.s_[::_NOISE_EVERY_ROWS]
     brightness = image[rows] / np.maximum(reference[rows], np.float32(1))
-    pixel_noise = float(np.median(np.abs(np.diff(brightness, n=2, axis=1)))) * _STD_PER_MEDIAN / np.sqrt(6)
-    return max(_MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE * pixel_noise * float(np.sqrt(cells / image.size)))
+    return float(np.median(np.abs(np.diff(brightness, n=2, axis=1)))) * _STD_PER_MEDIAN / float(np.sqrt(6))
+
+
+def _signal_and_view(reading: Reading) -> tuple[View, View]:
+    """Return the relative brightness on cells, and one for each cell."""
+    image, reference = (
+        _average_over_cells(rectified.grey, reading.rectified.mm_per_px)
+        for rectified in (reading.rectified, reading.reference)
+    )
+    signal = image / np.maximum(reference, np.float32(1))
+    return signal, np.ones_like(signal)
 
 
 def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> View:

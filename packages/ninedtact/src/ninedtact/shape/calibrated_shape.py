@@ -27,6 +27,7 @@ from ninedtact.shape.depth import (
     Smoothing,
 )
 from ninedtact.shape.lens_and_rectification import Rectification
+from ninedtact.shape.light_change import LightCorrection
 
 REFERENCE_FRAMES = 10
 """Number of images without contact whose mean is a reference image; it brings their noise below that of a reading."""
@@ -194,6 +195,11 @@ class CalibratedShape:
     """Reasons to distrust everything that is measured with this calibration; every reading carries them."""
     range_mm: float | None = None
     """Depth to which the curve is calibrated; None where the curve gives depth itself."""
+
+    @cached_property
+    def light(self) -> LightCorrection:
+        """Takes changes of the light since the reference image, and dirt, out of rectified images."""
+        return LightCorrection(self.rectify)
 
     @property
     def depth_range_mm(self) -> float:

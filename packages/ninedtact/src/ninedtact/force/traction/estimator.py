@@ -19,7 +19,12 @@ from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
-from ninedtact.force.contact_detection import ContactRegionSettings, find_contact_region, pressure_reaches_unseen
+from ninedtact.force.contact_detection import (
+    ContactRegionSettings,
+    correlated_noise_limit,
+    find_contact_region,
+    pressure_reaches_unseen,
+)
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.traction.brightness_from_traction import ForwardModel
 from ninedtact.force.traction.linearisation_and_qp import TractionPrior
@@ -87,7 +92,7 @@ class TractionForce(ForceEstimator):
         """Observe, find the contact region, invert and sum up."""
         inversion = self._inversion_for(reading.height)
         observation = self.observation_model.observe(reading, inversion.forward.cells)
-        region = self._find_region(observation)
+        region = self._find_region(reading, observation)
         if region is None:
             self.forget()
             return WrenchEstimate(
@@ -96,7 +101,7 @@ class TractionForce(ForceEstimator):
         self.last = result = inversion.invert(observation, region, self.last)
         return self._to_estimate(reading, observation, result)
 
-    def _find_region(self, observation: ObservationOnCells) -> Float32[Array, "rows cols"] | None:
+    def _find_region(self, reading: Reading, observation: ObservationOnCells) -> Float32[Array, "rows cols"] | None:
         """Return where pressure may act, None where nothing touches."""
         return find_contact_region(
             observation.change,
@@ -105,6 +110,7 @@ class TractionForce(ForceEstimator):
             observation.noise,
             MARGIN_CELLS,
             self.contact_region,
+            correlated_noise_limit(reading, self.contact_region.threshold),
         )
 
     def _to_estimate(

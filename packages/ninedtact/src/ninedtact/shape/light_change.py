@@ -1,0 +1,429 @@
+"""What changed in the light between an image and its reference image, measured on skin that does not move, and taken out.
+
+    ratio of image to reference ──▶ bands of a rolling shutter ──▶ gain and gamma ──▶ dirt ──▶ corrected image, LightChange
+
+A dimmed LED under a rolling shutter puts *bands* on the raw rows: one profile over the whole width, periodic over the whole height,
+which no contact makes unless it covers the view. *Gain* is the median of the ratio, and *gamma* the slope of log brightness, over
+skin where the ratio is flat; a dent and its bulges leave the median within 0.2 % on the twins of real sensors. *Dirt* is darker or
+brighter than its surroundings with an edge that is steeper than scattered light allows; it is replaced by its surroundings.
+
+An image whose light has not changed is returned as it is. What is smaller than the dead zones below is not taken out, so that the
+same press gives the same answer in steady light.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, UInt8
+from numpy import ndarray as Array
+
+from ninedtact.quantities import EstimateWarning, HeightSource, Rectified
+from ninedtact.shape.deblurring import block_means
+from ninedtact.shape.lens_and_rectification import Rectification
+
+_CELL_PX = 8
+"""Side of the cells on which gain and bands are measured, rectified pixels."""
+_WHITE = 255.0
+
+_MIN_GAIN_CHANGE = 0.004
+"""Change of the median below which the gain is left as it is: twice what presses change."""
+_GAIN_SPREADS = 0.5
+"""Standard deviations of flat skin that are added to it: under deep and wide presses the level is less certain."""
+_FLAT_PER_MM = 0.004
+"""Slope of the smoothed ratio below which skin counts as flat."""
+_MIN_FLAT_SHARE = 0.05
+"""Share of flat skin below which no gain is known, as under a pin board."""
+_GAIN_RANGE = 0.8, 1.25
+"""Gains that are taken out. Beyond them images are refused (`image_plausibility`)."""
+_REPORTED_GAIN_CHANGE = 0.01
+"""Change of the gain from which readings carry a warning."""
+_MIN_GAMMA_CHANGE, _MAX_GAMMA_ERROR = 0.03, 0.03
+"""Change of gamma that is taken out, where its standard error is at most this."""
+_GAMMA_RANGE = 0.7, 1.4
+_CELLS_PER_SAMPLE = 60
+"""Neighbouring cells whose residuals are alike."""
+
+_CYCLES = np.arange(1.5, 12.01, 0.0625)
+"""Bands over the image that are looked for. Finer ones are averaged out; coarser ones look like a gradient."""
+_PROFILE_BINS, _PROFILE_SAMPLES = 48, 40
+_MIN_BAND_AMPLITUDE = 0.0012
+_MIN_EXPLAINED, _FEW_CYCLES, _MIN_EXPLAINED_OF_FEW = 0.75, 2.5, 0.92
+"""Share of a profile's variance that bands of one period explain; a press may look like a few cycles."""
+_MAX_SIDE_DIFFERENCE = 0.35
+"""Largest difference between the bands of one side of the view and those of the whole, as a fraction."""
+_HARMONICS = 3
+
+_MIN_DIRT_CONTRAST = 0.06
+"""Smallest difference of brightness over a millimetre at which an edge is judged."""
+_DIRT_CELL_PX = 2
+_DIRT_BLUR, _DIRT_WINDOW = 0.8, np.ones((13, 13), np.uint8)
+"""Smoothing and window of edges, in cells of dirt: the window is 1.3 mm wide."""
+_STEEPEST = 0.25
+"""Slope per cell over the contrast above which an edge is dirt. Pins pressed on real sensors reach 0.22, and presses on twins of
+real sensors 0.14; specks of 10 to 40 % with an edge of up to 3 raw pixels reach 0.25 to 0.49."""
+_LEAST_STEEP = 0.15
+"""Slope per cell over the contrast of edges that go on from dirt."""
+_CONTRAST_PER_NOISE = 40.0
+"""Contrast, in medians of the slope, below which an edge may be noise or compression."""
+_MAX_DIRT_SHARE = 0.05
+_DIRT_RIM = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
+_CLOSING = np.ones((3, 3), np.uint8)
+_FILLING_SIGMAS, _MIN_FILLING_WEIGHT = (1.5, 3.0, 6.0, 12.0, 24.0), 0.1
+
+Cells = Float32[Array, "few_rows few_cols"]
+Grey = Float32[Array, "rows cols"]
+
+
+@dataclass(frozen=True)
+class LightBands:
+    """Bands that a rolling shutter makes of a light that is dimmed by pulses."""
+
+    amplitude: float
+    """Half of the difference between bright and dark, relative to the brightness."""
+    period_px: float
+    """Period on the raw image, px."""
+    along_rows: bool
+    """Whether the bands run along the raw rows; otherwise along the columns, of a camera whose driver rotates its images."""
+    factor: Float32[Array, " lines"] = field(repr=False, compare=False)
+    """Brightness of every raw row, or column, relative to the mean."""
+
+
+@dataclass(frozen=True)
+class LightChange:
+    """The light of an image relative to that of its reference image. All of it is taken out of the image but where said."""
+
+    level: float = 1.0
+    """Brightness of the skin without contact, relative to the reference image."""
+    gain: float = 1.0
+    """Gain that was taken out, one where none was."""
+    gamma: float = 1.0
+    """Exponent that was taken out together with the gain, one where none was."""
+    bands: LightBands | None = None
+    dirt_spots: int = 0
+    """Number of spots that gel cannot make; they are replaced by their surroundings."""
+    dirt_mm2: float = 0.0
+    """Their area."""
+    is_level_known: bool = True
+    """Whether enough skin is flat for the level to be known; otherwise no gain is taken out."""
+
+    @property
+    def warnings(self) -> tuple[EstimateWarning, ...]:
+        """The changes of the light of which a reader should know."""
+        found = {
+            EstimateWarning.LIGHT_CHANGED: abs(self.gain - 1) >= _REPORTED_GAIN_CHANGE
+            or (not self.is_level_known and abs(self.level - 1) >= 3 * _REPORTED_GAIN_CHANGE),
+            EstimateWarning.LIGHT_BANDED: self.bands is not None,
+            EstimateWarning.DIRT: self.dirt_spots > 0,
+        }
+        return tuple(warning for warning, holds in found.items() if holds)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The same in words, with figures."""
+        found = []
+        if EstimateWarning.LIGHT_CHANGED in self.warnings:
+            done = "taken out" if self.gain != 1 else "not taken out, because hardly any skin is flat"
+            gamma = f", gamma {self.gamma:.2f}" if self.gamma != 1 else ""
+            found.append(f"the light is {self.level - 1:+.1%} of the reference image's{gamma}: {done}")
+        if self.bands is not None:
+            lines = "rows" if self.bands.along_rows else "columns"
+            size, period = self.bands.amplitude, self.bands.period_px
+            found.append(
+                f"bands of ±{size:.1%} with a period of {period:.0f} {lines} (dimmed light, rolling shutter): taken out"
+            )
+        if self.dirt_spots:
+            found.append(f"{self.dirt_spots} spots of dirt, {self.dirt_mm2:.2f} mm², on lens or window: masked")
+        return tuple(found)
+
+    def restore(self, grey: Grey) -> Grey:
+        """Return a corrected image in its own light again, without bands and dirt."""
+        if self.gain == 1 and self.gamma == 1:
+            return grey
+        return _apply_gain(grey, self.gain, self.gamma)
+
+
+def _apply_gain(grey: Grey, gain: float, gamma: float) -> Grey:
+    """Return the image in a light of this gain and gamma. The gain is that of mid grey."""
+    if gamma != 1:
+        grey = _MID_GREY * np.power(np.maximum(grey, 1) / np.float32(_MID_GREY), np.float32(gamma))
+    return np.asarray(grey * np.float32(gain), np.float32)
+
+
+_MID_GREY = 150.0
+"""Grey level at which gain and gamma are separated."""
+
+
+@dataclass(frozen=True)
+class LightCorrection:
+    """Measures the change of the light of rectified images of one sensor, and takes it out."""
+
+    rectify: Rectification
+    _reference: list[tuple[Rectified, Cells]] = field(default_factory=list, init=False, repr=False, compare=False)
+    """The last reference averaged over the cells."""
+
+    def __call__(self, image: Rectified, reference: Rectified) -> tuple[Rectified, LightChange]:
+        """Return the image in the light of its reference, and what changed; the same image where nothing did."""
+        ratio = block_means(image.grey, _CELL_PX) / self._reference_on_cells(reference)
+        seen = ratio[self._seen]
+        if not seen.size:
+            return image, LightChange()
+        level = _median(seen)
+        if level <= 0:
+            return image, LightChange()
+        grey, bands = image.grey, self._find_bands(ratio / np.float32(level))
+        if bands is not None:
+            grey = grey / bands.factor[self._lines(bands.along_rows)]
+            ratio = block_means(grey, _CELL_PX) / self._reference_on_cells(reference)
+            seen = ratio[self._seen]
+            level = _median(seen)
+        gain, gamma, is_known = self._find_gain(ratio, level, reference)
+        if (gain, gamma) != (1.0, 1.0):
+            grey = (
+                _apply_gain(grey, 1 / gain, 1.0) if gamma == 1 else _apply_gain(grey / np.float32(gain), 1.0, 1 / gamma)
+            )
+        spots, area_mm2 = 0, 0.0
+        if seen.max() - seen.min() > _MIN_DIRT_CONTRAST / 4:
+            grey, spots, area_px = _replace_dirt(grey, reference.grey)
+            area_mm2 = area_px * image.mm_per_px**2
+        change = LightChange(level, gain, gamma, bands, spots, area_mm2, is_known)
+        return (image if grey is image.grey else Rectified(grey, image.mm_per_px, image.stamp_ns)), change
+
+    def _reference_on_cells(self, reference: Rectified) -> Cells:
+        # Another thread may replace the cached reference at any moment.
+        cached = self._reference[0] if self._reference else None
+        if cached is None or cached[0] is not reference:
+            cached = reference, np.maximum(block_means(reference.grey, _CELL_PX), np.float32(1))
+            self._reference[:] = [cached]
+        return cached[1]
+
+    @cached_property
+    def _seen(self) -> Bool[Array, "few_rows few_cols"]:
+        seen = (self.rectify.height_source != HeightSource.OUT_OF_VIEW).astype(np.float32)
+        return np.asarray(block_means(seen, _CELL_PX) > 0.99)
+
+    def _find_gain(self, ratio: Cells, level: float, reference: Rectified) -> tuple[float, float, bool]:
+        """Return gain and gamma of the skin that does not move, ones where they hardly changed, and whether they are known."""
+        if abs(level - 1) < _MIN_GAIN_CHANGE:
+            return 1.0, 1.0, True
+        smooth = cv2.GaussianBlur(ratio / np.float32(level), (0, 0), 1.5)
+        down, across = np.gradient(smooth)
+        flat = self._seen & (np.hypot(down, across) < _FLAT_PER_MM * _CELL_PX * reference.mm_per_px)
+        if flat.sum() < _MIN_FLAT_SHARE * self._seen.sum():
+            return 1.0, 1.0, False
+        spread = float(ratio[flat].std()) / level
+        if abs(level - 1) < _MIN_GAIN_CHANGE + _GAIN_SPREADS * spread or not _GAIN_RANGE[0] < level < _GAIN_RANGE[1]:
+            return 1.0, 1.0, True
+        gamma = _fit_gamma(ratio[flat], self._reference_on_cells(reference)[flat])
+        if gamma is None:
+            return level, 1.0, True
+        slope, offset = gamma
+        return float(np.exp(offset)), slope, True
+
+    def _find_bands(self, ratio: Cells) -> LightBands | None:
+        """Return the bands on the raw rows or columns, whichever are stronger; None where there are none."""
+        found = [self._bands_along(ratio, along_rows) for along_rows in (True, False)]
+        return max((bands for bands in found if bands is not None), key=lambda bands: bands.amplitude, default=None)
+
+    def _bands_along(self, ratio: Cells, along_rows: bool) -> LightBands | None:
+        grid = self._row_grid if along_rows else self._col_grid
+        samples = ratio.ravel()[grid.cell]
+        profile = _median(samples, axis=1)
+        deviation = profile - profile.mean()
+        total = float(deviation @ deviation)
+        if total < 0.25 * len(profile) * _MIN_BAND_AMPLITUDE**2:
+            return None
+        parts = grid.waves @ deviation
+        power = (parts**2).sum(axis=1)
+        best = int(power.argmax())
+        amplitude = float(np.sqrt(2 * power[best] / len(profile)))
+        least = _MIN_EXPLAINED if _CYCLES[best] > _FEW_CYCLES else _MIN_EXPLAINED_OF_FEW
+        if power[best] < least * total or amplitude < _MIN_BAND_AMPLITUDE:
+            return None
+        third = samples.shape[1] // 3
+        for side in (samples[:, :third], samples[:, -third:]):
+            line = _median(side, axis=1)
+            if np.linalg.norm(grid.waves[best] @ (line - line.mean()) - parts[best]) > _MAX_SIDE_DIFFERENCE * np.sqrt(
+                power[best]
+            ):
+                return None
+        return grid.fit_bands(deviation, _peak_of_parabola(power, best), along_rows)
+
+    @cached_property
+    def _row_grid(self) -> "_ProfileGrid":
+        return _profile_grid(self.rectify, along_rows=True)
+
+    @cached_property
+    def _col_grid(self) -> "_ProfileGrid":
+        return _profile_grid(self.rectify, along_rows=False)
+
+    def _lines(self, along_rows: bool) -> Int[Array, "rows cols"]:
+        """Return the raw row, or column, of every rectified pixel."""
+        return self._raw_rows if along_rows else self._raw_cols
+
+    @cached_property
+    def _raw_rows(self) -> Int[Array, "rows cols"]:
+        return np.clip(np.rint(self.rectify.source_px[..., 1]), 0, self.rectify.raw_shape[0] - 1).astype(np.intp)
+
+    @cached_property
+    def _raw_cols(self) -> Int[Array, "rows cols"]:
+        return np.clip(np.rint(self.rectify.source_px[..., 0]), 0, self.rectify.raw_shape[1] - 1).astype(np.intp)
+
+
+@dataclass(frozen=True)
+class _ProfileGrid:
+    """Lines of the raw image, each sampled at several cells of the rectified one."""
+
+    cell: Int[Array, "bins samples"]
+    """Index of the cell of each sample."""
+    line: Float[Array, " bins"]
+    """Raw row, or column, of each bin, as a fraction of their number."""
+    cell_lines: float
+    """Raw lines over which a cell averages, as a fraction of their number."""
+    lines: int
+
+    @cached_property
+    def waves(self) -> Float[Array, "cycles 2 bins"]:
+        """Orthonormal waves of every number of cycles, without a mean."""
+        angle = 2 * np.pi * _CYCLES[:, None] * self.line
+        pairs = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return np.asarray(np.linalg.qr(pairs - pairs.mean(axis=1, keepdims=True))[0].transpose(0, 2, 1))
+
+    def fit_bands(self, deviation: Float[Array, " bins"], cycles: float, along_rows: bool) -> LightBands:
+        """Return the bands of this number of cycles and their harmonics, by least squares with outliers given less weight."""
+        orders = [order for order in range(1, _HARMONICS + 1) if order * cycles <= _CYCLES[-1]]
+
+        def basis(at: Float[Array, " n"]) -> Float[Array, "n k"]:
+            waves = [wave(2 * np.pi * order * cycles * at) for order in orders for wave in (np.cos, np.sin)]
+            return np.stack([np.ones_like(at), *waves], axis=1)
+
+        seen = basis(self.line) * np.concatenate(
+            [[1], np.repeat(np.sinc(np.array(orders) * cycles * self.cell_lines), 2)]
+        )
+        weight = np.ones_like(deviation)
+        for _ in range(3):
+            root = np.sqrt(weight)
+            coefficients = np.linalg.lstsq(seen * root[:, None], deviation * root, rcond=None)[0]
+            residual = np.abs(deviation - seen @ coefficients)
+            weight = 1 / (1 + (residual / (2 * np.median(residual) + 1e-9)) ** 2)
+        coefficients[0] = 0
+        factor = 1 + basis((np.arange(self.lines) + 0.5) / self.lines) @ coefficients
+        amplitude = float(factor.max() - factor.min()) / 2
+        return LightBands(amplitude, self.lines / cycles, along_rows, factor.astype(np.float32))
+
+
+def _peak_of_parabola(power: Float[Array, " cycles"], best: int) -> float:
+    """Return the number of cycles of the most power, between those that were tried."""
+    if not 0 < best < len(power) - 1:
+        return float(_CYCLES[best])
+    before, peak, after = power[best - 1 : best + 2]
+    return float(_CYCLES[best] + (_CYCLES[1] - _CYCLES[0]) * (before - after) / (2 * (before - 2 * peak + after)))
+
+
+def _profile_grid(rectify: Rectification, along_rows: bool) -> _ProfileGrid:
+    """Return the lines of a sensor's raw image that its rectified one shows, and the cells that see them."""
+    position = [block_means(np.ascontiguousarray(axis), _CELL_PX) for axis in np.moveaxis(rectify.source_px, -1, 0)]
+    raw_rows, raw_cols = rectify.raw_shape
+    along, across = (
+        (position[1] / raw_rows, position[0] / raw_cols)
+        if along_rows
+        else (position[0] / raw_cols, position[1] / raw_rows)
+    )
+    low, high = (np.clip(np.quantile(along, share), 0, 1) for share in (0.02, 0.98))
+    left, right = (np.clip(np.quantile(across, share), 0, 1) for share in (0.02, 0.98))
+    line = np.linspace(low, high, _PROFILE_BINS)
+    cells = [
+        np.argmin((along.ravel() - at) ** 2 + (across.ravel() - side) ** 2)
+        for at in line
+        for side in np.linspace(left, right, _PROFILE_SAMPLES)
+    ]
+    steps = [float(np.median(np.abs(step))) for step in np.gradient(along)]
+    lines = raw_rows if along_rows else raw_cols
+    return _ProfileGrid(np.array(cells).reshape(_PROFILE_BINS, -1), line, max(steps), lines)
+
+
+def _fit_gamma(ratio: Float32[Array, " n"], reference: Float32[Array, " n"]) -> tuple[float, float] | None:
+    """Return the exponent and the logarithm of the gain at mid grey; None where the image does not tell the exponent from one."""
+    logarithm, structure = np.log(np.maximum(ratio, 1e-3)), np.log(reference / np.float32(_MID_GREY))
+    weight = np.ones_like(ratio)
+    for _ in range(3):
+        middle = float(np.average(structure, weights=weight))
+        centred = structure - middle
+        mean = float(np.average(logarithm, weights=weight))
+        variance = float(np.average(centred**2, weights=weight))
+        if variance <= 0:
+            return None
+        slope = float(np.average(centred * (logarithm - mean), weights=weight)) / variance
+        residual = np.abs(logarithm - mean - slope * centred)
+        weight = 1 / (1 + (residual / (2 * np.median(residual) + np.float32(1e-6))) ** 2)
+    spread = float(np.sqrt(np.mean(residual**2)))
+    error = spread / np.sqrt(variance * max(len(ratio) / _CELLS_PER_SAMPLE, 1))
+    gamma = 1 + slope
+    unsure = error > _MAX_GAMMA_ERROR or abs(slope) < max(_MIN_GAMMA_CHANGE, 3 * error)
+    return None if unsure or not _GAMMA_RANGE[0] < gamma < _GAMMA_RANGE[1] else (gamma, mean - slope * middle)
+
+
+def _replace_dirt(grey: Grey, reference: Grey) -> tuple[Grey, int, int]:
+    """Return the image with dirt replaced by its surroundings, the number of spots and their area in pixels."""
+    ratio = block_means(grey, _DIRT_CELL_PX) / np.maximum(block_means(reference, _DIRT_CELL_PX), np.float32(1))
+    mask, spots = _find_dirt(ratio)
+    if not spots:
+        return grey, 0, 0
+    filled = _fill_from_surroundings(ratio, mask)
+    rows, cols = grey.shape
+    dirty, light = (
+        cv2.resize(part, None, fx=_DIRT_CELL_PX, fy=_DIRT_CELL_PX, interpolation=how)[:rows, :cols]
+        for part, how in ((mask, cv2.INTER_NEAREST), (filled, cv2.INTER_LINEAR))
+    )
+    return np.where(dirty > 0, light * reference, grey).astype(np.float32), spots, int((dirty > 0).sum())
+
+
+def _find_dirt(ratio: Cells) -> tuple[UInt8[Array, "few_rows few_cols"], int]:
+    """Return a mask that is not zero on dirt and its rim, and the number of spots."""
+    smooth = cv2.GaussianBlur(ratio, (0, 0), _DIRT_BLUR)
+    slope = cv2.magnitude(
+        cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
+    )
+    nothing = np.zeros(ratio.shape, np.uint8)
+    contrast = max(_MIN_DIRT_CONTRAST, _CONTRAST_PER_NOISE * _median(slope[::8, ::2]))
+    if cv2.minMaxLoc(slope)[1] <= _STEEPEST * contrast:
+        return nothing, 0
+    # The morphological gradient is the difference of the largest and the smallest value in the window.
+    local = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, _DIRT_WINDOW)
+    steepness = cv2.divide(slope, cv2.max(local, contrast))
+    if cv2.minMaxLoc(steepness)[1] <= _STEEPEST:
+        return nothing, 0
+    edges = cv2.morphologyEx((steepness > _LEAST_STEEP).astype(np.uint8), cv2.MORPH_CLOSE, _CLOSING)
+    _, label = cv2.connectedComponents(edges)
+    steep = np.unique(label[(steepness > _STEEPEST) & (edges > 0)])
+    outlines, _ = cv2.findContours(np.isin(label, steep).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    mask = cv2.dilate(cv2.drawContours(nothing.copy(), outlines, -1, (255,), cv2.FILLED), _DIRT_RIM)
+    if np.count_nonzero(mask) > _MAX_DIRT_SHARE * mask.size:
+        return nothing, 0
+    return np.asarray(mask, np.uint8), cv2.connectedComponents(mask)[0] - 1
+
+
+def _fill_from_surroundings(ratio: Cells, mask: UInt8[Array, "few_rows few_cols"]) -> Cells:
+    """Return the field with masked cells replaced by weighted means of their surroundings, which widen until they reach all."""
+    filled, known = ratio.copy(), (mask == 0).astype(np.float32)
+    missing = mask > 0
+    for sigma in _FILLING_SIGMAS:
+        weight = cv2.GaussianBlur(known, (0, 0), sigma)
+        mean = cv2.GaussianBlur(ratio * known, (0, 0), sigma) / np.maximum(weight, np.float32(1e-6))
+        reached = missing & (weight > _MIN_FILLING_WEIGHT)
+        filled[reached] = mean[reached]
+        missing &= ~reached
+        if not missing.any():
+            break
+    filled[missing] = 1
+    return filled
+
+
+def _median(values: Float32[Array, "*shape"], axis: int | None = None) -> Any:
+    """Return the upper median, which is quicker than NumPy's."""
+    flat = values.ravel() if axis is None else values
+    middle = flat.shape[-1] // 2
+    found = np.partition(flat, middle, axis=-1)[..., middle]
+    return float(found) if axis is None else found

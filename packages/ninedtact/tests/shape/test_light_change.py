@@ -1,0 +1,109 @@
+"""Light that changes is taken out and named; an image whose light has not changed is returned as it is."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.quantities import EstimateWarning, Frame, Rectified
+from ninedtact.reading import read_frame
+from ninedtact.shape.lens_and_rectification import Rectification
+from ninedtact.shape.light_change import LightCorrection
+
+ROWS, COLS, MM_PER_PX = 345, 460, 0.052
+RAW_ROWS, RAW_COLS = 480, 640
+ALONG, ACROSS = (axis.astype(np.float32) for axis in np.mgrid[:ROWS, :COLS])
+RECTIFY = Rectification(
+    np.stack([20 + 1.3 * ACROSS, 15 + 1.3 * ALONG], axis=-1).astype(np.float32),
+    MM_PER_PX,
+    (RAW_ROWS, RAW_COLS),
+    (-12.0, 12.0, -9.0, 9.0),
+)
+UNTOUCHED = (150 - 30 * (np.hypot(ALONG - 172, ACROSS - 230) / 290) ** 2).astype(np.float32)
+DENT = np.exp(-((ALONG - 150) ** 2 + (ACROSS - 260) ** 2) / (2 * 22**2)).astype(np.float32)
+PRESSED = UNTOUCHED * (1 - 0.15 * DENT)
+CORRECT = LightCorrection(RECTIFY)
+REFERENCE = Rectified(UNTOUCHED, MM_PER_PX)
+
+
+def noisy(grey: np.ndarray, seed: int = 0) -> Rectified:
+    return Rectified((grey + np.random.default_rng(seed).normal(0, 0.4, grey.shape)).astype(np.float32), MM_PER_PX)
+
+
+def largest_error(corrected: Rectified) -> float:
+    """The largest relative difference from the press unchanged, over a millimetre."""
+    return float(np.abs(cv2.GaussianBlur(corrected.grey / PRESSED - 1, (0, 0), 10)).max())
+
+
+@given(st.integers(0, 99), st.sampled_from([UNTOUCHED, PRESSED]))
+@settings(max_examples=10, deadline=None)
+def test_unchanged_light_leaves_the_image_as_it_is(seed: int, grey: np.ndarray) -> None:
+    image = noisy(grey, seed)
+    corrected, change = CORRECT(image, REFERENCE)
+    assert corrected is image and not change.warnings and not change.sentences
+
+
+@given(st.floats(0.82, 1.2))
+@settings(max_examples=20, deadline=None)
+def test_a_gain_is_taken_out_and_named_from_one_per_cent(gain: float) -> None:
+    corrected, change = CORRECT(noisy(PRESSED * np.float32(gain)), REFERENCE)
+    assert largest_error(corrected) < 0.008
+    if abs(gain - 1) > 0.013:
+        assert EstimateWarning.LIGHT_CHANGED in change.warnings and change.gain == pytest.approx(gain, abs=0.006)
+    np.testing.assert_allclose(change.restore(corrected.grey).mean(), (PRESSED * gain).mean(), rtol=2e-3)
+
+
+@given(st.floats(0.003, 0.05), st.floats(60, 280), st.floats(0, 1), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_bands_are_taken_out_and_named_with_their_period(
+    amplitude: float, period_px: float, phase: float, along_rows: bool
+) -> None:
+    line = RECTIFY.source_px[..., 1 if along_rows else 0]
+    bands = (1 + amplitude * np.sin(2 * np.pi * (line / period_px + phase))).astype(np.float32)
+    corrected, change = CORRECT(noisy(UNTOUCHED * bands), REFERENCE)
+    assert change.bands is not None and change.bands.along_rows == along_rows
+    assert change.bands.period_px == pytest.approx(period_px, rel=0.05)
+    left = cv2.GaussianBlur(corrected.grey / UNTOUCHED - 1, (0, 0), 20)
+    assert np.abs(left).max() < 0.001 + 0.07 * amplitude
+    assert change.warnings == (EstimateWarning.LIGHT_BANDED,)
+
+
+@given(st.floats(3, 16), st.floats(0.15, 0.7), st.integers(40, 420), st.integers(40, 300), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_a_sharp_spot_is_dirt_and_what_is_beneath_it_stays(
+    radius_px: float, contrast: float, x: int, y: int, pressed: bool
+) -> None:
+    spot = cv2.GaussianBlur((np.hypot(ALONG - y, ACROSS - x) < radius_px).astype(np.float32), (0, 0), 0.8)
+    grey = PRESSED if pressed else UNTOUCHED
+    corrected, change = CORRECT(noisy(grey * (1 - np.float32(contrast) * spot)), REFERENCE)
+    assert change.warnings == (EstimateWarning.DIRT,) and change.dirt_spots == 1
+    assert change.dirt_mm2 > np.pi * (radius_px * MM_PER_PX) ** 2
+    assert np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 4)).max() < 0.02
+
+
+def test_presses_of_real_sensors_are_neither_dirt_nor_bands(sensor_a: SensorFolder, real_data: object) -> None:
+    """A ball is read as before, and a board, under which no skin is flat, is not corrected."""
+    folder = real_data / "sensor_a"  # type: ignore[operator]
+    for press in ("ball", "board"):
+        reader = sensor_a.shape.depth_reader(Frame(read_image(folder / f"{press}_reference.png")))
+        frame = Frame(read_image(folder / f"{press}.png"))
+        read = read_frame(frame, sensor_a.shape, reader)
+        np.testing.assert_array_equal(read.rectified.grey, sensor_a.shape.rectify(frame).grey)
+        assert not read.light.warnings
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.02, 1.05])
+def test_a_real_press_in_other_light_has_its_depth_and_says_why(
+    gain: float, sensor_a: SensorFolder, real_data: object
+) -> None:
+    folder = real_data / "sensor_a"  # type: ignore[operator]
+    reader = sensor_a.shape.depth_reader(Frame(read_image(folder / "ball_reference.png")))
+    ball = read_image(folder / "ball.png")
+    before, after = (
+        read_frame(Frame(cv2.convertScaleAbs(ball, alpha=alpha)), sensor_a.shape, reader) for alpha in (1.0, gain)
+    )
+    assert after.max_indentation_mm == pytest.approx(before.max_indentation_mm, rel=0.02)
+    assert EstimateWarning.LIGHT_CHANGED in after.warnings and not before.light.warnings

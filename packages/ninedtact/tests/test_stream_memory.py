@@ -1,0 +1,62 @@
+"""What a stream teaches: flicker with its period, and noise that a contact must exceed; a light contact teaches nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ninedtact.force.contact_detection import ContactThreshold, correlated_noise_limit, measure_smooth_noise
+from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
+from ninedtact.reading import Reading, StreamMemory
+from ninedtact.stream_memory import StreamLearner, find_flicker
+
+SKIN = np.full((345, 460), 150, np.float32)
+DOWN, ACROSS = np.mgrid[:345, :460]
+
+
+def reading_of(grey: np.ndarray, second: float = 0.0) -> Reading:
+    flat = HeightMap(np.zeros_like(SKIN), np.full(SKIN.shape, HeightSource.MEASURED, np.uint8), 0.052, 0.005)
+    frame = Frame(np.zeros((1, 1, 3), np.uint8), round(second * 1e9))
+    return Reading(frame, Rectified(grey.astype(np.float32), 0.052), flat, Rectified(SKIN, 0.052))
+
+
+@given(st.floats(0.003, 0.05), st.floats(0.6, 12.0), st.floats(0, 6))
+@settings(max_examples=30, deadline=None)
+def test_flicker_is_named_with_amplitude_and_period(amplitude: float, frequency_hz: float, phase: float) -> None:
+    at_s = np.arange(0, 8, 1 / 30)
+    level = 150 * (1 + 0.001 * at_s + amplitude * np.sin(2 * np.pi * frequency_hz * at_s + phase))
+    found = find_flicker(np.stack([at_s * 1e9, level], axis=1))
+    assert found is not None
+    assert 1 / found.period_s == pytest.approx(frequency_hz, abs=0.04)
+    assert found.amplitude == pytest.approx(amplitude, rel=0.15)
+
+
+def test_noise_and_drift_are_no_flicker() -> None:
+    at_s = np.arange(0, 8, 1 / 30)
+    noise = np.random.default_rng(0).normal(0, 0.3, at_s.shape)
+    assert find_flicker(np.stack([at_s * 1e9, 150 + noise + 2 * at_s], axis=1)) is None
+
+
+def test_noise_over_the_view_is_learnt_and_a_light_contact_is_not() -> None:
+    waves = SKIN * (1 + 0.004 * np.sin(DOWN / 15) * np.sin(ACROSS / 15))
+    dent = SKIN * (1 - 0.004 * np.exp(-((DOWN - 170) ** 2 + (ACROSS - 230) ** 2) / 800))
+    assert measure_smooth_noise(reading_of(waves)) > 8e-4
+    assert measure_smooth_noise(reading_of(dent)) < 2e-4
+    learner = StreamLearner()
+    for second in range(12):
+        learner.learn_noise(reading_of(waves, second))
+    assert learner.memory.learnt_s == pytest.approx(11)
+    threshold = ContactThreshold()
+    learnt = replace(reading_of(SKIN), stream=learner.memory)
+    assert correlated_noise_limit(learnt, threshold) == pytest.approx(threshold.learnt_noises * learner.memory.noise)
+
+
+def test_an_image_without_noise_is_right_to_a_grey_level_until_its_stream_is_known() -> None:
+    threshold = ContactThreshold()
+    assert correlated_noise_limit(reading_of(SKIN), threshold) == pytest.approx(1 / 150, rel=1e-3)
+    known = replace(reading_of(SKIN), stream=StreamMemory(noise=2e-4, learnt_s=60))
+    assert correlated_noise_limit(known, threshold) < threshold.min_darkening
+    noisy = reading_of(SKIN + np.random.default_rng(1).normal(0, 0.5, SKIN.shape))
+    assert correlated_noise_limit(noisy, threshold) < threshold.min_darkening
