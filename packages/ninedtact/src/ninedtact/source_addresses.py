@@ -62,15 +62,19 @@ def source_for(
 
 
 def source_in_real_time(
-    text: str, settings: "CameraSettings | None" = None, notify: Callable[[str], None] | None = None
+    text: str,
+    settings: "CameraSettings | None" = None,
+    notify: Callable[[str], None] | None = None,
+    keeps_times: bool = False,
 ) -> "FrameSource":
     """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read.
 
     notify: receives a sentence where images of a file are missing or damaged; without it, reading raises this at the end.
+    keeps_times: frames that a slow computer delivers late keep their times (`LivePlayback`).
     """
     from ninedtact.capture.frame_pacing import LivePlayback
 
-    return LivePlayback(source_for(text, settings), notify)
+    return LivePlayback(source_for(text, settings), notify, keeps_times)
 
 
 def require_matching_force_source(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:

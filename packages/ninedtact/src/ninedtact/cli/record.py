@@ -170,7 +170,7 @@ class Record:
         if is_twin_address(address):
             camera, force_torque = twin_sources(folder, self.force_torque is not None, name)
         else:
-            camera, force_torque = source_in_real_time(address, camera_settings(self.automatic)), None
+            camera, force_torque = source_in_real_time(address, camera_settings(self.automatic), keeps_times=True), None
             if self.force_torque is not None:
                 from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
 
