@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from time import monotonic_ns
 
-from ninedtact.capture.frame_source import FrameSource, SourceEnded
+from ninedtact.capture.frame_source import FrameSource, SourceEnded, require_frame
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame
@@ -98,7 +98,7 @@ class Sensor:
 
         With `take_reference=False` the caller takes it later. Raises what the source raises; the source is closed then.
         """
-        self.source.open()
+        self.source.open_for(self)
         self.frames_read, self.last_frame_ns = 0, monotonic_ns()
         self.references.begin()
         self._forget()
@@ -106,15 +106,15 @@ class Sensor:
             try:
                 self.take_reference()
             except BaseException:
-                self.source.close()
+                self.source.close_for(self)
                 raise
 
     def close(self) -> None:
         """Close the source."""
-        self.source.close()
+        self.source.close_for(self)
 
     def _next_frame(self) -> Frame:
-        frame = self.source.read()
+        frame = require_frame(self.source.read(), self.source.name)
         if self.frames_read == 0:
             self._first_index = 0 if self.source.is_live else frame.index
         self.frames_read, self.last_frame_ns = self.frames_read + 1, frame.stamp_ns

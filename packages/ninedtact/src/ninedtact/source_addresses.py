@@ -71,14 +71,16 @@ def source_in_real_time(
     settings: "CameraSettings | None" = None,
     notify: Callable[[str], None] | None = None,
     sensor: "SensorFolder | None" = None,
+    keeps_times: bool = False,
 ) -> "FrameSource":
     """Return the source that `text` names; files and recordings play at their own pace, stamped as their frames are read.
 
     notify: receives a sentence where images of a file are missing or damaged; without it, reading raises this at the end.
+    keeps_times: frames that a slow computer delivers late keep their times (`LivePlayback`).
     """
     from ninedtact.capture.frame_pacing import LivePlayback
 
-    return LivePlayback(source_for(text, settings, sensor), notify)
+    return LivePlayback(source_for(text, settings, sensor), notify, keeps_times)
 
 
 def require_matching_force_source(source: str, force_torque: str | None, *kinds: "Callable[[str], bool]") -> None:

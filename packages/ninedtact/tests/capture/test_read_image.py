@@ -1,15 +1,20 @@
 """Any file at all is either a whole 8-bit BGR image or one clear sentence."""
 
 import os
+import re
 import threading
 import zlib
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from PIL import Image
 
 from ninedtact.capture.strict_image_reading import average_images, image_file_fault, read_image, require_image_size
 from ninedtact.errors import FileFormatError
@@ -90,6 +95,44 @@ def test_an_intact_jpeg_of_another_encoder_is_read(tmp_path: Path) -> None:
     thumbnail = jpeg_segment(0xE1, b"Exif" + WHOLE[".jpg"])  # its end is not the file's
     assert np.array_equal(read_or_refuse(content[:2] + thumbnail + content[2:], tmp_path), whole)
     assert read_or_refuse(content[:2] + thumbnail + content[2:-2], tmp_path) is None
+
+
+@settings(FUZZ, max_examples=60)
+@given(
+    levels=arrays(np.uint8, st.tuples(st.integers(1, 40), st.integers(1, 40), st.just(3))),
+    quality=st.integers(1, 100),
+    options=st.sampled_from([{}, {"progressive": True}, {"optimize": True}, {"restart_marker_blocks": 1}]),
+    subsampling=st.integers(0, 2),
+    encoder=st.sampled_from(["Pillow", "libjpeg-turbo"]),
+    padding=st.integers(0, 4),
+    kept=st.floats(0.0, 1.0, exclude_max=True),
+)
+def test_intact_jpeg_is_read_and_cut_jpeg_is_refused(
+    levels: np.ndarray,
+    quality: int,
+    options: dict[str, Any],
+    subsampling: int,
+    encoder: str,
+    padding: int,
+    kept: float,
+    tmp_path: Path,
+) -> None:
+    """Of every encoder and setting, with bytes 0xFF before restart markers, where T.81 (B.1.1.2) allows any number of them."""
+    if encoder == "Pillow":
+        written = BytesIO()
+        Image.fromarray(levels).save(written, "JPEG", quality=quality, subsampling=subsampling, **options)
+        content = written.getvalue()
+    else:
+        chosen = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_RST_INTERVAL, subsampling]
+        content = cv2.imencode(".jpg", levels, [*chosen, cv2.IMWRITE_JPEG_PROGRESSIVE, int("progressive" in options)])[
+            1
+        ].tobytes()
+    header, scan = content.split(b"\xff\xda", 1)
+    padded = header + b"\xff\xda" + re.sub(rb"\xff([\xd0-\xd7])", lambda marker: padding * b"\xff" + marker[0], scan)
+    whole = read_or_refuse(content, tmp_path)
+    assert whole is not None and whole.shape == levels.shape
+    assert np.array_equal(read_or_refuse(padded, tmp_path), whole)
+    assert read_or_refuse(padded[: int(kept * len(padded))], tmp_path) is None
 
 
 def test_images_are_read_while_another_thread_prints(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -3,16 +3,21 @@
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
+import numpy as np
 import pytest
 from bench_camera import BenchCamera
+from hand_fed import HandFed
 from mjpeg_camera import MjpegCamera
 
-from ninedtact.capture.frame_pacing import LatestFrameSource, NoRecentFrame
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback, NoRecentFrame
 from ninedtact.capture.frame_source import CameraLost, FrameSource
 from ninedtact.capture.network_stream import NetworkStream
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.capture.uvc_camera import UvcCamera
+from ninedtact.errors import CameraError
+from ninedtact.quantities import Frame
 
 Plug = Callable[[bool], None]
 
@@ -91,3 +96,43 @@ def test_closing_while_the_camera_is_away_leaves_nothing_open() -> None:
         assert lost.wait(20)
     assert camera.held == 0
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("fetch")]
+
+
+def wrong_frame(**parts: Any) -> Frame:
+    """A frame with parts of other types, which only a program without checked types can make."""
+    frame = Frame(np.zeros((4, 5, 3), np.uint8))
+    for name, part in parts.items():
+        object.__setattr__(frame, name, part)
+    return frame
+
+
+WRONG = [None, "image", wrong_frame(image=[[0]]), wrong_frame(image=np.zeros((4, 5))), wrong_frame(stamp_ns=0.5)]
+
+
+@pytest.mark.parametrize("read", WRONG)
+def test_what_is_no_frame_is_refused_in_one_sentence(read: Any) -> None:
+    class Wrong(FrameSource):
+        name = "my camera"
+
+        def open(self) -> None: ...
+        def close(self) -> None: ...
+        def read(self) -> Frame:
+            return read  # type: ignore[no-any-return]
+
+    for source in (DelayCorrectedSource(Wrong(), 1.0), LatestFrameSource(Wrong()), LivePlayback(Wrong())):
+        with source, pytest.raises(CameraError, match=r"expected a Frame from my camera.*, got .*; correct its read"):
+            source.read()
+
+
+def test_a_source_has_one_owner_at_a_time() -> None:
+    camera = HandFed()
+    first, second = DelayCorrectedSource(camera, 1.0), LatestFrameSource(camera)
+    with first:
+        first.open()
+        with pytest.raises(CameraError, match="to be read by one sensor, got a second one while the first is open"):
+            second.open()
+        second.close()
+        camera.show()
+        assert first.read().index == 0
+    with second:
+        pass

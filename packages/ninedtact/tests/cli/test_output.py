@@ -1,5 +1,6 @@
 """Where the output of a command goes: a reader that has left, a full disk, a stream that is closed."""
 
+import json
 import os
 import subprocess
 import sys
@@ -7,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+import ninedtact
 from ninedtact.cli import main
+from ninedtact.cli.plain_text import spell_in_ascii
 
 COMMANDS = (["--version"], ["check", "--help"], ["simulate", "objects", "--json"])
 
@@ -37,6 +40,33 @@ def test_output_that_a_full_disk_does_not_take_is_said(arguments: list[str]) -> 
     said = ended.stderr.decode().splitlines()
     assert ended.returncode == 1 and len(said) == 1
     assert "No space left on device; free the disk" in said[0]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp437", "utf-8"])
+def test_an_output_of_any_encoding_gets_a_readable_text(encoding: str, real_data: Path, tmp_path: Path) -> None:
+    """Also the encoding of a plain C locale and the code page of a Windows terminal."""
+    sensor = tmp_path / "fühler"
+    environment = {**os.environ, "PYTHONIOENCODING": encoding, "COLUMNS": "100"}
+
+    def printed(*arguments: str) -> str:
+        command = [sys.executable, "-m", "ninedtact", *arguments]
+        ended = subprocess.run(command, env=environment, check=True, capture_output=True)
+        assert b"Traceback" not in ended.stderr
+        return ended.stdout.decode(encoding)
+
+    images = str(real_data / "sensor_a")
+    report = printed("calibrate", "--method", "ratio", "--images", images, "--out", str(sensor))
+    assert ("+/-" if encoding == "ascii" else "±") in report and "\\" not in report
+    image = str(real_data / "sensor_a" / "ball_reference.png")
+    assert "fühler" in str(json.loads(printed("check", "--sensor", str(sensor), image, "--json")))
+    assert "calibrate" in printed("--help")
+
+
+def test_every_character_that_the_sources_use_has_a_spelling() -> None:
+    used = "".join(path.read_text("utf-8") for path in Path(ninedtact.__file__).parent.rglob("*.py"))
+    spelled = {character: spell_in_ascii(character) for character in set(used) - {"\\"}}
+    assert not [text for text in spelled.values() if not text.isascii() or "\\" in text]
+    assert spell_in_ascii("2.1 ± 0.3 mm², σ ≤ 5 µm …") == "2.1 +/- 0.3 mm2, sigma <= 5 um ..."
 
 
 def test_a_command_works_with_its_outputs_closed(real_data: Path, tmp_path: Path) -> None:

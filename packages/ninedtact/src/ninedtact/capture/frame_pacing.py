@@ -11,6 +11,11 @@ from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, Sour
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
 
+_LONGEST_DELAY_NS = 100_000_000
+"""Delay of a frame that is played from which on the following ones are delayed as much; a live view drops what is 200 ms old."""
+_LONGEST_PAUSE_NS = 1_000_000_000
+"""Time between two frames of a recording after which a player goes on; a live view counts a camera as lost after 2 s."""
+
 
 class NoRecentFrame(CameraError):
     """Raised where no frame arrived that is both new to the reader and recent enough."""
@@ -43,7 +48,7 @@ class LatestFrameSource(FrameSourceWrapper):
         """Open the source and start reading it in the background; raises what the source raises."""
         if self._thread is not None:
             return
-        self._source.open()
+        self._source.open_for(self)
         self.dropped, self._unread, self._error, self.newest_frame = 0, None, None, None
         self._closing = Event()
         self._thread = Thread(target=self._fetch, name=f"fetch {self.name}", daemon=True)
@@ -67,7 +72,7 @@ class LatestFrameSource(FrameSourceWrapper):
         """Stop the background thread and close the source."""
         thread, self._thread = self._thread, None
         self._closing.set()
-        self._source.close()
+        super().close()
         if thread is not None:
             thread.join()
 
@@ -96,7 +101,7 @@ class LatestFrameSource(FrameSourceWrapper):
         end: BaseException = SourceNotOpen(self.name)
         try:
             while not self._closing.is_set():
-                frame = self._source.read()
+                frame = self._read_source()
                 with self._changed:
                     self.dropped += self._unread is not None
                     self._unread = self.newest_frame = frame
@@ -109,49 +114,67 @@ class LatestFrameSource(FrameSourceWrapper):
 
 
 class LivePlayback(FrameSourceWrapper):
-    """Plays a recording at its own rate and stamps each frame when it is read, as a camera would.
+    """Plays a recording from now on: each frame is delivered, and stamped, as long after the first as it was recorded after it.
 
-    The stamps of the recording itself are too old to be shown live. The frames of a live source pass unchanged.
+    The stamps of the recording itself are too old to be shown live. Where the stamps run back (a recording that starts again) or
+    pause, the next frame follows after one period. The frames of a live source pass unchanged.
     """
 
-    def __init__(self, source: FrameSource, notify: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self, source: FrameSource, notify: Callable[[str], None] | None = None, keeps_times: bool = False
+    ) -> None:
         """notify: receives a sentence, once, where images of a file are missing or damaged, which then ends as a whole one does;
-        without it, this is raised."""
+        without it, this is raised. keeps_times: frames that a slow computer delivers late keep their times, as a recording needs
+        them; otherwise what follows is delayed as much, so that a person sees what is as new as its stamp."""
         super().__init__(source)
         self._notify, self._has_notified = notify, False
+        self._keeps_times = keeps_times
         self._closing = Event()
-        self._due_at = 0.0
+        self._last: tuple[int, int] | None = None
+        """Stamp of the last frame in the recording and here, ns."""
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
-        self._source.open()
+        super().open()
         self._closing.clear()
-        self._due_at = time.monotonic()
+        self._last = None
 
     def read(self) -> Frame:
         """Return the next frame when it is due."""
         if self._source.recorded_hz is None:
-            return self._source.read()
-        self._closing.wait(self._due_at - time.monotonic())
-        frame, period_s = self._read_file(), 1 / self._source.recorded_hz
-        self._due_at = max(self._due_at + period_s, time.monotonic() - period_s)
-        return replace(frame, stamp_ns=time.monotonic_ns())
+            return self._read_source()
+        frame = self._read_file()
+        due_ns = self._due_ns(frame.stamp_ns)
+        self._closing.wait((due_ns - time.monotonic_ns()) / 1e9)
+        if not self._keeps_times and (now_ns := time.monotonic_ns()) - due_ns > _LONGEST_DELAY_NS:
+            due_ns = now_ns
+        self._last = frame.stamp_ns, due_ns
+        return replace(frame, stamp_ns=due_ns)
+
+    def _due_ns(self, recorded_ns: int) -> int:
+        if self._last is None:
+            return time.monotonic_ns()
+        step_ns = recorded_ns - self._last[0]
+        if step_ns <= 0 or (step_ns > _LONGEST_PAUSE_NS and not self._keeps_times):
+            assert self._source.recorded_hz is not None
+            step_ns = round(1e9 / self._source.recorded_hz)
+        return self._last[1] + step_ns
 
     def _read_file(self) -> Frame:
         try:
-            return self._source.read()
+            return self._read_source()
         except SourceIncomplete as damage:
             if self._notify is None:
                 raise
             if not self._has_notified:
                 self._has_notified = True
                 self._notify(str(damage))
-            return self._source.read()  # which ends the file
+            return self._read_source()  # which ends the file
 
     def close(self) -> None:
         """Close the source and end a wait for the next frame."""
         self._closing.set()
-        self._source.close()
+        super().close()
 
 
 class DelayCorrectedSource(FrameSourceWrapper):
@@ -163,5 +186,5 @@ class DelayCorrectedSource(FrameSourceWrapper):
 
     def read(self) -> Frame:
         """Return the next frame with its corrected stamp."""
-        frame = self._source.read()
+        frame = self._read_source()
         return replace(frame, stamp_ns=frame.stamp_ns - self._delay_ns)

@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any, ClassVar, Generic, TypeVar
+from weakref import ReferenceType, ref
+
+import numpy as np
 
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image, require_image_size
 from ninedtact.errors import CameraError, FileFormatError
@@ -53,11 +56,36 @@ class SourceNotOpen(CameraError):
 class Openable(ABC):
     """The interface of everything that holds a device from `open` to `close`.
 
-    The constructor accesses no device; opening succeeds completely or not at all.
+    The constructor accesses no device; opening succeeds completely or not at all. An object that reads it, such as a `Sensor`,
+    opens it by `open_for` and owns it until `close_for`, because two readers would each get a part of the images.
     """
 
     name: str
     """The name of the device in messages; it never contains a password."""
+    _owner: "ReferenceType[object] | None" = None
+
+    def open_for(self, owner: object) -> None:
+        """Open the device for an object that alone reads it; raises `CameraError` while another object does, and as `open`."""
+        before = self._owner and self._owner()
+        if before is not None and before is not owner:
+            raise CameraError(
+                expected=f"{self.name} to be read by one sensor",
+                got="a second one while the first is open",
+                remedy="close the first, or give each sensor a source of its own",
+            )
+        self._owner = ref(owner)
+        try:
+            self.open()
+        except BaseException:
+            self._owner = None
+            raise
+
+    def close_for(self, owner: object) -> None:
+        """Close the device unless another object owns it now."""
+        before = self._owner and self._owner()
+        if before is None or before is owner:
+            self._owner = None
+            self.close()
 
     @abstractmethod
     def open(self) -> None:
@@ -132,6 +160,25 @@ class FrameSource(Openable):
             yield frame
 
 
+def require_frame(frame: Any, name: str) -> Frame:
+    """Return what a source of this name has read; raises `CameraError` unless it is a frame with an 8-bit colour image."""
+    if not isinstance(frame, Frame):
+        got = "none" if frame is None else f"an object of type {type(frame).__name__}"
+    elif not isinstance(frame.image, np.ndarray):
+        got = f"a frame whose image is of type {type(frame.image).__name__}"
+    elif frame.image.dtype != np.uint8 or frame.image.ndim != 3 or frame.image.shape[2] != 3 or not frame.image.size:
+        got = f"an image of type {frame.image.dtype} and shape {frame.image.shape}"
+    elif not all(isinstance(number, int | np.integer) for number in (frame.stamp_ns, frame.index)):
+        got = f"a frame with stamp {frame.stamp_ns!r} and index {frame.index!r}"
+    else:
+        return frame
+    raise CameraError(
+        expected=f"a Frame from {name}: an image of type uint8 and shape (rows, cols, 3), whole numbers as stamp and index",
+        got=got,
+        remedy="correct its read method",
+    )
+
+
 Inner = TypeVar("Inner", bound=Openable)
 
 
@@ -148,11 +195,11 @@ class SourceWrapper(Openable, Generic[Inner]):
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
-        self._source.open()
+        self._source.open_for(self)
 
     def close(self) -> None:
         """Close the source."""
-        self._source.close()
+        self._source.close_for(self)
 
 
 def _handed_on(fact: str) -> Any:
@@ -168,6 +215,10 @@ class FrameSourceWrapper(SourceWrapper[FrameSource], FrameSource):
     recording = _handed_on("recording")
     reference_frames = _handed_on("reference_frames")
     exposure = _handed_on("exposure")
+
+    def _read_source(self) -> Frame:
+        """Return the next frame of the source; raises what it raises, and `CameraError` for what is no frame."""
+        return require_frame(self._source.read(), self.name)
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Set the exposure of the source."""
@@ -232,22 +283,25 @@ class AddressedFrameSource(FrameSource):
 
 
 class ImageFileList(FrameSource):
-    """A frame source of the given image files in this order, all of one size."""
+    """A frame source of the given image files in this order, all of one size, stamped as a recording of `recorded_hz`."""
 
     is_live = False
+    recorded_hz: float
 
-    def __init__(self, images: Sequence[Path], name: str = "images", recorded_hz: float | None = 10.0) -> None:
+    def __init__(self, images: Sequence[Path], name: str = "images", recorded_hz: float = 10.0) -> None:
         self.images = tuple(images)
         self.name = name
         self.recorded_hz = recorded_hz
         self._lock = Lock()
         self._next_index: int | None = None
+        self._began_ns = 0
         self._size: tuple[int, int] | None = None
 
     def open(self) -> None:
         """Start with the first image."""
         if self._next_index is None:
             self._next_index, self._size = 0, None
+            self._began_ns = time.monotonic_ns() - round(1e9 * len(self.images) / self.recorded_hz)  # it ends now
 
     def read(self) -> Frame:
         """Return the next image; raises `SourceEnded`, or `FileFormatError` for a bad file.
@@ -265,7 +319,7 @@ class ImageFileList(FrameSource):
             image = read_image(path)
             self._size = self._size or image.shape[:2]
             require_image_size(image, *self._size, str(path))
-            return Frame(image, time.monotonic_ns(), index)
+            return Frame(image, self._began_ns + round(1e9 * index / self.recorded_hz), index)
 
     def close(self) -> None:
         """Close the list; opening it again starts from the first image."""

@@ -49,7 +49,7 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
             if self._is_open:
                 return
             self._closing.clear()
-            self._source.open()
+            self._source.open_for(self)
             self._is_open = True
             self._first_index = self._next_index = 0
 
@@ -58,14 +58,14 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
         self._closing.set()
         with self._opening:
             self._is_open = False
-            self._source.close()
+            self._source.close_for(self)
 
     def _wait_until_back(self, loss: Loss) -> None:
         """Report the loss and return when the device is open again; raises `SourceNotOpen` when closed meanwhile."""
         if self._closing.is_set():
             raise SourceNotOpen(self.name)
         self._on_lost(loss)
-        self._source.close()
+        self._source.close_for(self)
         while not self._try_to_open():
             pass
         self._on_back()
@@ -77,7 +77,7 @@ class _ReconnectingSource(SourceWrapper[Inner], Generic[Inner, Loss]):
             if self._closing.is_set():
                 raise SourceNotOpen(self.name)
             try:
-                self._source.open()
+                self._source.open_for(self)
             except self._absence:
                 return False
         return True
@@ -93,7 +93,7 @@ class ReconnectingFrameSource(_ReconnectingSource[FrameSource, CameraError], Fra
         """Wait for the next frame, however long the camera is away; indices continue over the gap."""
         while True:
             try:
-                frame = self._source.read()
+                frame = self._read_source()
             except self._loss as loss:
                 self._wait_until_back(loss)
                 self._first_index = self._next_index

@@ -1,5 +1,5 @@
 """A video file as a source of frames. Read directly it delivers every image as fast as it is requested; under `LivePlayback`
-it plays at `recorded_hz`.
+it plays at its own times.
 
 OpenCV delivers a damaged video without an error: it leaves out images that cannot be decoded and scales those of another size. So
 the stored images (packets) are read beside the decoded ones: their number and their sizes are compared, and those that have a mark
@@ -11,7 +11,9 @@ import time
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 from threading import Lock
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,6 +33,16 @@ from ninedtact.errors import CameraError, FileFormatError
 from ninedtact.quantities import Frame
 
 _DEFAULT_VIDEO_HZ = 30.0
+_TIMED_IMAGES = 60
+"""Number of images at the beginning of a video whose times show its rate; the header of a stream that was saved states any rate."""
+_RATE_TOLERANCE = 0.05
+_CODEC_NAMES = {
+    "av01": "AV1",
+    "hev1": "H.265 (HEVC)",
+    "hvc1": "H.265 (HEVC)",
+    "hevc": "H.265 (HEVC)",
+    "vvc1": "H.266 (VVC)",
+}
 _JPEG = b"\xff\xd8"
 _FFV1 = int.from_bytes(b"ffv1", "little")
 """Four-letter code of the codec whose images carry checksums, and whose entropy coder continues from image to image."""
@@ -75,10 +87,13 @@ class VideoFile(AddressedFrameSource):
                 raise FileFormatError(
                     expected=f"a video in {self.path}", got="something else or half a file", remedy="record it again"
                 )
-            self._packets = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+            self._packets = self._open_packets()
             self._rate_hz, self._announced = images.get(cv2.CAP_PROP_FPS), images.get(cv2.CAP_PROP_FRAME_COUNT)
-            self.recorded_hz = self._rate_hz if 0 < self._rate_hz <= 1000 else _DEFAULT_VIDEO_HZ
-            self._began_ns = time.monotonic_ns() - round(1e9 * max(self._announced, 0.0) / self.recorded_hz)
+            self.recorded_hz = self._measure_rate_hz()
+            self._began_ns = time.monotonic_ns() - round(1e9 * max(self._announced, 0.0) / (self._rate_hz or 1.0))
+            self._first: tuple[bool, Any] | None = images.read()
+            if self._first is not None and not self._first[0] and self._packets.grab():
+                raise self._undecodable(images)
             self._positions_ms: list[float] = []
             self._size: tuple[int, int] | None = None
             self._has_marks = self._was_damaged = self._is_over = False
@@ -95,14 +110,14 @@ class VideoFile(AddressedFrameSource):
             if self._images is None:
                 raise SourceNotOpen(self.name)
             while not self._is_over:
-                delivered, image = self._images.read()
+                (delivered, image), self._first = self._first or self._images.read(), None
                 if not delivered:
                     self._is_over = True
                     self._require_all_images()
                     break
                 packet_delivered, packet = self._packets.read()
                 is_damaged = self._is_damaged(packet.tobytes() if packet_delivered else b"", image, self._images)
-                self._positions_ms.append(self._images.get(cv2.CAP_PROP_POS_MSEC))
+                self._positions_ms.append(self._next_position_ms(self._images.get(cv2.CAP_PROP_POS_MSEC)))
                 if not is_damaged:
                     self._next_undelivered = len(self._positions_ms)
                     stamp_ns = self._began_ns + round(1e6 * self._positions_ms[-1])
@@ -117,6 +132,39 @@ class VideoFile(AddressedFrameSource):
                 self._images.release()
                 self._packets.release()
             self._images = None
+
+    def _open_packets(self) -> cv2.VideoCapture:
+        """Open the file once more, to read its images as they are stored."""
+        return cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+
+    def _measure_rate_hz(self) -> float:
+        """Return the rate that the header states where the times of the first images confirm it, otherwise theirs."""
+        packets, positions_ms = self._open_packets(), list[float]()
+        while len(positions_ms) < _TIMED_IMAGES and packets.grab():
+            positions_ms.append(packets.get(cv2.CAP_PROP_POS_MSEC))
+        packets.release()
+        period_ms = float(np.median(np.diff(np.sort(positions_ms)))) if len(positions_ms) > 1 else 0.0
+        if period_ms <= 0:
+            return self._rate_hz if 0 < self._rate_hz <= 1000 else _DEFAULT_VIDEO_HZ
+        return self._rate_hz if abs(self._rate_hz * period_ms / 1000 - 1) < _RATE_TOLERANCE else 1000 / period_ms
+
+    def _next_position_ms(self, stated_ms: float) -> float:
+        """Return the time of an image in the file; one period after the last where it states none, as raw H.264."""
+        if not self._positions_ms or stated_ms > self._positions_ms[-1]:
+            return stated_ms
+        assert self.recorded_hz is not None
+        return self._positions_ms[-1] + 1000 / self.recorded_hz
+
+    def _undecodable(self, images: cv2.VideoCapture) -> FileFormatError:
+        """Return the error for a video of which no image can be decoded."""
+        code = round(images.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").decode("ascii", "replace").strip("\0 ")
+        images.release()
+        self._packets.release()
+        return FileFormatError(
+            expected=f"a video in {self.path} that OpenCV {cv2.__version__} can decode",
+            got=f"the codec {_CODEC_NAMES.get(code.lower(), code)}, for which it has no decoder, or damaged images alone",
+            remedy=f"convert it without loss: ffmpeg -i {quote(str(self.path))} -c:v ffv1 video.mkv",
+        )
 
     def _is_damaged(self, packet: bytes, image: UInt8[Array, "rows cols 3"], images: cv2.VideoCapture) -> bool:
         """Return whether a stored image lacks its mark of completeness, or is predicted from one that does.

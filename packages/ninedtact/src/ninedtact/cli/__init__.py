@@ -24,6 +24,7 @@ import tyro
 from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
 
 from ninedtact._version import __version__, installation_command
+from ninedtact.cli.plain_text import spell_what_outputs_cannot_print
 from ninedtact.errors import InputError, MissingLibraryError, NinedtactError
 
 COMMANDS = {
@@ -70,6 +71,7 @@ class CommandNotInstalled(MissingLibraryError):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; 0 done, 1 the work failed (one line says why), 2 usage."""
+    spell_what_outputs_cannot_print()
     try:
         try:
             return _run_command(arguments)

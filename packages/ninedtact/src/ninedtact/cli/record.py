@@ -170,7 +170,9 @@ class Record:
         if is_twin_address(address):
             camera, force_torque = twin_sources(folder, self.force_torque is not None, name)
         else:
-            camera, force_torque = source_in_real_time(address, self.camera.settings(), sensor=folder), None
+            settings = self.camera.settings()
+            camera = source_in_real_time(address, settings, sensor=folder, keeps_times=True)
+            force_torque = None
             if self.force_torque is not None:
                 from ninedtact.capture.force_torque.wrench_source_from_address import untared_wrench_source_for
 

@@ -13,6 +13,8 @@ from time import monotonic
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from ninedtact.cli.plain_text import prints_unicode
+
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.force.estimator_and_scale import ForceEstimator
@@ -24,10 +26,12 @@ _HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 def print_result(as_json: bool, result: Mapping[str, Any], report_lines: Iterable[str]) -> int:
     """Print the result as one JSON object, or its report for a person; return the exit code 0.
 
-    A number that is infinite or undefined is null in JSON, which has no other word for it (RFC 8259, section 6).
+    A number that is infinite or undefined is null in JSON, which has no other word for it (RFC 8259, section 6). Characters that
+    the output cannot print are escaped there, so that names stay as they are.
     """
     if as_json:
-        print(json.dumps(_with_null(result), indent=2, ensure_ascii=False, allow_nan=False))
+        ascii_alone = not prints_unicode(sys.stdout)
+        print(json.dumps(_with_null(result), indent=2, ensure_ascii=ascii_alone, allow_nan=False))
     else:
         print("\n".join(report_lines))
     return 0

@@ -156,13 +156,13 @@ class WrenchPoller:
 
     def __enter__(self) -> "WrenchPoller":
         """Open the source, raising what it raises, and start reading."""
-        self.source.open()
+        self.source.open_for(self)
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._closing.set()
-        self.source.close()
+        self.source.close_for(self)
         self._thread.join()
 
     def _run(self) -> None:

@@ -8,9 +8,10 @@ from threading import Thread
 from time import monotonic, monotonic_ns
 from typing import Any, Generic, TypeVar
 
-from ninedtact.capture.frame_source import FrameSource
+from ninedtact.capture.frame_source import FrameSource, require_frame
 from ninedtact.capture.wrench_source import WrenchSource
 
+_WAIT_S = 0.05
 STALL_S = 3.0
 """Time without an item after which a live source counts as stalled. Cameras and streams report a loss on their own after 2 s; this
 covers a source that does neither."""
@@ -72,15 +73,25 @@ class BackgroundReader(Generic[Item]):
 
     def __enter__(self) -> "BackgroundReader[Item]":
         """Open the source, raising what it raises."""
-        self.source.open()
+        self.source.open_for(self)
         self._stall_at = monotonic() + self._stall_s
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._closing = True
-        self.source.close()
+        self.source.close_for(self)
         self._thread.join()
+
+    def _put(self, arrival: Arrival[Any]) -> None:
+        """Keep an item until it is taken. Where no more have room, a device loses it, and a file waits, which goes on by itself."""
+        waits = isinstance(self.source, FrameSource) and not self.source.is_live
+        while not self._closing:
+            with suppress(Full):
+                self._items.put(arrival, block=waits, timeout=_WAIT_S)
+                break
+            if not waits:
+                break
 
     def _read_all(self) -> None:
         try:
@@ -88,9 +99,10 @@ class BackgroundReader(Generic[Item]):
                 item: Any
                 try:
                     item = self.source.read()
+                    if isinstance(self.source, FrameSource):
+                        require_frame(item, self.source.name)
                 except self._delivered_errors as error:
                     item = error
-                with suppress(Full):
-                    self._items.put_nowait(Arrival(item, monotonic_ns()))
+                self._put(Arrival(item, monotonic_ns()))
         except BaseException as error:  # handed to the thread that takes items
             self._error = error

@@ -71,7 +71,7 @@ class CheckedWrenchSource(WrenchSourceWrapper):
 
     def open(self) -> None:
         """Open the source; raises what it raises."""
-        self._source.open()
+        super().open()
         self._repeated: Wrench | None = None
         """The first of the samples that are all the same as the last."""
         self._repeats = 0
