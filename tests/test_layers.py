@@ -18,7 +18,7 @@ SOURCES = {path.name: path for path in PACKAGES.glob("*/src/*") if (path / "__in
 LAYERS = {
     "ninedtact": [
         {"_version", "errors"},
-        {"atomic_write", "bounds_and_checked_reading", "required_libraries"},
+        {"atomic_write", "bounds_and_checked_reading", "limited_process", "required_libraries"},
         {"parallel_jobs"},
         {"quantities", "design"},
         {"mechanics", "capture"},

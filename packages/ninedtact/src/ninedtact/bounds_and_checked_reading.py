@@ -20,6 +20,7 @@ import json
 import os
 import re
 import stat
+import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
@@ -122,6 +123,9 @@ NPY_READ_ERRORS = (
 _LONGEST_PIPE_S = 5.0
 MOST_TEXT_BYTES = 20_000_000
 """Largest size of a text file that is read."""
+_MOST_TOML_CHARACTERS = 1_000_000
+_KEY_PART = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_LONG_DOTTED_KEY = re.compile(rf"{_KEY_PART}(?:\.[ \t]*+{_KEY_PART}){{16}}")
 _INVALID_VALUE = re.compile(r"(?P<reason>.*?)(?: - at `\$(?P<place>.*)`)?$", re.DOTALL)
 _PART_OF_PLACE = re.compile(r"\.?([^.\[\]]+|\[\d+\]|\[\.\.\.\])")
 
@@ -145,6 +149,21 @@ def read_text_file(path: Path | str, accepts_pipe: bool = False) -> str:
     if accepts_pipe and Path(path).is_fifo():
         return _read_pipe(Path(path)).decode()
     return read_regular_file(path, MOST_TEXT_BYTES).decode()
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; raises `ValueError` also where it is larger or nested more deeply than a file of ours.
+
+    The parser's time and memory grow with the square of the number of keys in a dotted one.
+    """
+    if len(text) > _MOST_TOML_CHARACTERS:
+        raise ValueError(f"{len(text)} characters, more than the {_MOST_TOML_CHARACTERS} that such a file can have")
+    if _LONG_DOTTED_KEY.search(text):
+        raise ValueError("a key of more than 16 parts")
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("brackets are nested too deeply") from error
 
 
 def read_json_object(path: Path | str, most_bytes: int | None = MOST_TEXT_BYTES) -> dict[str, Any]:

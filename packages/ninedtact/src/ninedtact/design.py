@@ -2,7 +2,6 @@
 only what differs from the published sensor. The defaults are the published 9DTact.
 """
 
-import tomllib
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_type_hints
@@ -11,7 +10,12 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import convert_tables_to_class, read_text_file, require_within_bounds
+from ninedtact.bounds_and_checked_reading import (
+    convert_tables_to_class,
+    parse_toml,
+    read_text_file,
+    require_within_bounds,
+)
 from ninedtact.errors import FileFormatError, InputError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
@@ -277,7 +281,7 @@ def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> Senso
 def read_design_tables(path: Path | str) -> dict[str, Any]:
     """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `FileFormatError`."""
     try:
-        tables = tomllib.loads(read_text_file(path, accepts_pipe=True))
+        tables = parse_toml(read_text_file(path, accepts_pipe=True))
     except (OSError, ValueError, RecursionError) as trouble:
         raise FileFormatError(
             expected="a design in TOML",

@@ -24,6 +24,19 @@ as one line and ends with exit code 1.
 
 import re
 
+UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Control characters but line breaks and tabs, those that change the direction of text, and bytes that are not UTF-8."""
+
+
+def printable_text(text: str) -> str:
+    r"""Return text for terminals and files of UTF-8; what a name of a stranger may hide in it becomes escape sequences.
+
+    >>> print(printable_text("left\x1b[31m"))
+    left\x1b[31m
+    """
+    return UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
 _SENTENCE = re.compile(r"expected (.*?), got:? (.*?); (.*)", re.DOTALL)
 
 
@@ -38,7 +51,7 @@ class NinedtactError(Exception):
         """message: the whole sentence, where it quotes another program ("expected …, got: …; …") or has another form."""
         said = _SENTENCE.fullmatch(message)
         self.expected, self.got, self.remedy = said.groups() if said else (expected, got, remedy)
-        super().__init__(message or f"expected {expected}, got {got}; {remedy}")
+        super().__init__(printable_text(message or f"expected {expected}, got {got}; {remedy}"))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return message and attributes for pickling: an error of a worker process arrives as it was raised.

@@ -4,7 +4,6 @@
 twin and a force estimator. Writing is in `calibration.save`.
 """
 
-import tomllib
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
@@ -18,6 +17,7 @@ from ninedtact.bounds_and_checked_reading import (
     CHECKSUM_KEY,
     convert_tables_to_class,
     mapping_checksum,
+    parse_toml,
     read_regular_file,
     read_text_file,
 )
@@ -308,7 +308,7 @@ def load_sensor(folder: Path | str) -> SensorFolder:
 def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, Any, str]:
     """Parse the text of `sensor.toml` and check every field; return the checksum that it states, too, and that of its numbers."""
     try:
-        tables = tomllib.loads(text)
+        tables = parse_toml(text)
         _require_current_format(folder, tables)
         checksum = tables.pop(CHECKSUM_KEY, None)
         return convert_tables_to_class(tables, SensorTomlRecord), checksum, mapping_checksum(tables, NOT_CALIBRATED)

@@ -7,7 +7,6 @@ ms) for a screen, and nothing for an LED.
 """
 
 import os
-import tomllib
 from abc import ABC, abstractmethod
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -25,7 +24,13 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
+from ninedtact.bounds_and_checked_reading import (
+    CHECKSUM_KEY,
+    convert_tables_to_class,
+    mapping_checksum,
+    parse_toml,
+    read_text_file,
+)
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
@@ -277,7 +282,7 @@ def read_camera_delay(sensor: Path) -> CameraDelay:
     """
     path = sensor / CAMERA_FILE
     try:
-        values = tomllib.loads(read_text_file(path))
+        values = parse_toml(read_text_file(path))
         if values.pop(CHECKSUM_KEY, None) not in (None, mapping_checksum(values)):
             raise ValueError("other numbers than its checksum")
         return convert_tables_to_class(values, CameraDelay)

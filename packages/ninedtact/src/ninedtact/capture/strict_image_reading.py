@@ -21,11 +21,13 @@ from ninedtact.errors import FileFormatError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
-_LARGEST_PIXELS = 100_000_000
-_LARGEST_FILE_BYTES = 500_000_000
+_LARGEST_PIXELS = 20_000_000
+"""Decoding takes 13 bytes of memory for each pixel; cameras have up to 12 million."""
+_LARGEST_FILE_BYTES = 100_000_000
 _FORMATS = ("PNG", "JPEG", "BMP")
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
 _START_OF_SCAN, _END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
+_DECODING_ERRORS = (Image.DecompressionBombError, OSError, SyntaxError, ValueError, MemoryError, struct.error, KeyError)
 _CUT_SHORT = "a file that is cut short"
 _DAMAGED = "a damaged file"
 
@@ -40,13 +42,24 @@ def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
     (480, 640, 3)
     """
     path = Path(path)
-    content = _read_file_bytes(path)
-    fault = image_file_fault(content)
-    decoded = _decode(content) if fault is None else fault
-    if isinstance(decoded, str):
+    try:
+        return decode_image_file(_read_file_bytes(path))
+    except _ImageFault as fault:
         raise FileFormatError(
-            expected=f"an image in {path}", got=f"{decoded}", remedy="record it again, or save it as 8-bit PNG"
-        )
+            expected=f"an image in {path}", got=fault.got, remedy="record it again, or save it as 8-bit PNG"
+        ) from fault
+
+
+class _ImageFault(FileFormatError):
+    """Raised for the content of an image file that cannot be used."""
+
+
+def decode_image_file(content: bytes, *formats: str) -> UInt8[Array, "rows cols 3"]:
+    """Return the image in the bytes of a file, as `read_image`; raises `FileFormatError`, and for other formats than given."""
+    fault = image_file_fault(content)
+    decoded = _decode(content, formats or _FORMATS) if fault is None else fault
+    if isinstance(decoded, str):
+        raise _ImageFault(expected="an image", got=decoded, remedy="record it again")
     return decoded
 
 
@@ -91,7 +104,7 @@ def _png_fault(content: bytes) -> str | None:
             return _DAMAGED
         if kind == b"acTL":
             return "an animation"
-        if kind == b"IHDR":
+        if kind == b"IHDR" and size >= 9:
             cols, rows, bits = struct.unpack_from(">IIB", content, at + 8)
             if bits == 16 or cols * rows > _LARGEST_PIXELS:
                 return "16 bits per channel" if bits == 16 else f"{cols} x {rows} pixels"
@@ -99,17 +112,19 @@ def _png_fault(content: bytes) -> str | None:
     return None
 
 
-def _decode(content: bytes) -> UInt8[Array, "rows cols 3"] | str:
+def _decode(content: bytes, formats: tuple[str, ...]) -> UInt8[Array, "rows cols 3"] | str:
     """Return the image as BGR, or why it cannot be decoded, as words that follow "got"."""
     try:
-        with Image.open(BytesIO(content), formats=_FORMATS) as image:
+        with Image.open(BytesIO(content), formats=formats) as image:
             if image.width * image.height > _LARGEST_PIXELS:
                 return f"{image.width} x {image.height} pixels"
             if image.has_transparency_data and np.asarray(image.convert("RGBA"))[..., 3].min() < 255:
                 return "transparent pixels"
-            rgb: UInt8[Array, "rows cols 3"] = np.asarray(image.convert("RGB"))
+            rgb: UInt8[Array, "rows cols 3"] = np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
             return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError, ValueError) as fault:
+    except UnidentifiedImageError:
+        return f"something else than {' or '.join(formats)}"
+    except _DECODING_ERRORS as fault:
         return f"damaged data ({fault})"
 
 

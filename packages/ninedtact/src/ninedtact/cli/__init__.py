@@ -25,7 +25,7 @@ from tyro.constructors import ConstructorRegistry, StructConstructorSpec, Struct
 
 from ninedtact._version import __version__, installation_command
 from ninedtact.cli.plain_text import spell_what_outputs_cannot_print
-from ninedtact.errors import InputError, MissingLibraryError, NinedtactError
+from ninedtact.errors import InputError, MissingLibraryError, NinedtactError, printable_text
 
 COMMANDS = {
     "demo": "demo:Demo",
@@ -278,7 +278,7 @@ def _joined_lines(helptext: Any) -> Callable[[], str | None]:
 
 def _report_failure(sentence: str) -> int:
     """Say why in one line; the exit code of failed work."""
-    print(f"ninedtact: {' '.join(sentence.split())}", file=sys.stderr)
+    print(f"ninedtact: {printable_text(' '.join(sentence.split()))}", file=sys.stderr)
     return 1
 
 

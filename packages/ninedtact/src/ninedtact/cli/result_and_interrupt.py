@@ -14,6 +14,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from ninedtact.cli.plain_text import prints_unicode
+from ninedtact.errors import UNPRINTABLE, printable_text
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
@@ -31,9 +32,10 @@ def print_result(as_json: bool, result: Mapping[str, Any], report_lines: Iterabl
     """
     if as_json:
         ascii_alone = not prints_unicode(sys.stdout)
-        print(json.dumps(_with_null(result), indent=2, ensure_ascii=ascii_alone, allow_nan=False))
+        text = json.dumps(_with_null(result), indent=2, ensure_ascii=ascii_alone, allow_nan=False)
+        print(UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
     else:
-        print("\n".join(report_lines))
+        print(printable_text("\n".join(report_lines)))
     return 0
 
 
@@ -48,7 +50,7 @@ def _with_null(value: Any) -> Any:
 
 def print_notice(sentence: str) -> None:
     """Print one line about the progress of a command to standard error."""
-    print(f"ninedtact: {sentence}", file=sys.stderr, flush=True)
+    print(f"ninedtact: {printable_text(sentence)}", file=sys.stderr, flush=True)
 
 
 def print_notices(sentences: Iterable[str]) -> None:
@@ -173,7 +175,7 @@ class StatusLine:
 
     def update(self, status: str) -> None:
         """Replace the text of the line."""
-        print(f"\r  {status[: self.width]:<{self.width}}", end="", file=sys.stderr, flush=True)
+        print(f"\r  {printable_text(status)[: self.width]:<{self.width}}", end="", file=sys.stderr, flush=True)
 
     @contextmanager
     def hold(self) -> Iterator[None]:

@@ -9,7 +9,6 @@ Modulus and base are properties of the gel and stand in `sensor.toml`. The facto
 kept in `force.toml` in the sensor folder, in one table for each estimator.
 """
 
-import tomllib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,7 +21,13 @@ import tomli_w
 from msgspec import Meta
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, convert_tables_to_class, mapping_checksum, read_text_file
+from ninedtact.bounds_and_checked_reading import (
+    CHECKSUM_KEY,
+    convert_tables_to_class,
+    mapping_checksum,
+    parse_toml,
+    read_text_file,
+)
 from ninedtact.errors import FileFormatError
 from ninedtact.quantities import EstimateWarning, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
@@ -241,7 +246,7 @@ def read_force_scales(sensor: Path) -> ForceScaleTables:
     if not path.exists():
         return ForceScaleTables({})
     try:
-        tables = tomllib.loads(read_text_file(path))
+        tables = parse_toml(read_text_file(path))
         is_edited = tables.pop(CHECKSUM_KEY, None) != mapping_checksum(tables)
         return ForceScaleTables(convert_tables_to_class(tables, dict[str, ForceScale]), is_edited)
     except (OSError, ValueError, RecursionError) as trouble:

@@ -21,6 +21,7 @@ from ninedtact.bounds_and_checked_reading import convert_tables_to_class, read_r
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.out_of_distribution import StatisticRange
+from ninedtact.limited_process import FileTooCostly, run_limited
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -155,7 +156,27 @@ def read_force_model(path: Path | str) -> ForceModel:
 
 
 def parse_force_model(content: bytes, name: str) -> ForceModel:
-    """Return the model in a file's bytes; raises `ForceModelUnusable` with this name in its message."""
+    """Return the model in a file's bytes; raises `ForceModelUnusable` with this name in its message.
+
+    It is loaded and run in a process of its own first, because a graph may take any time and memory.
+    """
+    try:
+        run_limited(_try_force_model, content, name, file_bytes=len(content))
+    except FileTooCostly as error:
+        raise ForceModelUnusable(
+            expected=f"a network in {name}",
+            got="a graph that takes too long or too much memory",
+            remedy="give one that 'ninedtact train' made",
+        ) from error
+    return _load_force_model(content, name)
+
+
+def _try_force_model(content: bytes, name: str) -> None:
+    model = _load_force_model(content, name)
+    model(np.zeros((1, *model.card.input.shape), np.float32))
+
+
+def _load_force_model(content: bytes, name: str) -> ForceModel:
     session = build_onnx_session(content, name)
     try:
         card = read_model_card(session, name)
@@ -165,9 +186,7 @@ def parse_force_model(content: bytes, name: str) -> ForceModel:
         raise ForceModelUnusable(
             f"expected readable text in {name}, got: {trouble}; copy or train it again"
         ) from trouble
-    model = ForceModel(card, session, name, is_edited, sha256(content).hexdigest())
-    model(np.zeros((1, *card.input.shape), np.float32))
-    return model
+    return ForceModel(card, session, name, is_edited, sha256(content).hexdigest())
 
 
 def _first_line(trouble: Exception) -> str:

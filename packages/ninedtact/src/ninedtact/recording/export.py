@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from ninedtact.atomic_write import create_folder_atomically, write_file_atomically
-from ninedtact.errors import OutputError
+from ninedtact.errors import OutputError, printable_text
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.topics_and_messages import Topic
@@ -154,10 +154,18 @@ def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:
 
 def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:
     all_rows, text = list(rows), StringIO()
-    csv.writer(text).writerows([list(header), *map(list, all_rows)])
+    csv.writer(text).writerows([list(header), *(map(_csv_cell, row) for row in all_rows)])
     if all_rows:
         write_file_atomically(path, text.getvalue().encode())
     return len(all_rows)
+
+
+def _csv_cell(value: Any) -> Any:
+    """Return a value for a table; text that a spreadsheet would compute as a formula gets an apostrophe before it."""
+    if not isinstance(value, str):
+        return value
+    text = printable_text(value)
+    return f"'{text}" if text.lstrip().startswith(("=", "+", "-", "@")) else text
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:

@@ -3,6 +3,9 @@
 After eight magic bytes, an MCAP file (https://mcap.dev/spec) consists of records, each an opcode, a length and its content.
 Messages are stored in chunks; each chunk is followed by records with the time of each message. Those are read here, up to the first
 record that is not whole; the content of records is decoded by the library `mcap`.
+
+The file may be a stranger's: what a chunk says of its size and what it unpacks to are both limited, so that a file costs no more
+memory and time than its size allows. Everything that cannot be decoded is damage (`RecordingUnreadable`).
 """
 
 import struct
@@ -10,18 +13,15 @@ import time
 import zlib
 from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.writer import MCAP0_MAGIC
 from numpy import ndarray as Array
 
@@ -34,6 +34,17 @@ _PREFIX = struct.Struct("<BQ")
 """Opcode and length before the content of a record."""
 _DATA_RECORDS = (Opcode.HEADER, Opcode.METADATA, Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
 """Opcodes of the records that the writer of this package puts before the end of the data."""
+_MOST_CHUNK_BYTES = 64_000_000
+"""Largest unpacked size of a chunk, twenty times an image of 1280 x 800 pixels; `writer` closes one at 0.5 MB."""
+_MOST_RECORDS = 200_000
+"""Most records of a chunk; one of wrenches alone has some 4,000."""
+_MOST_UNPACKED_BYTES, _MOST_UNPACKED_RATIO = 2_000_000_000, 1000
+"""All chunks together unpack to no more than this, or than so many times the file; images of a camera compress to a third."""
+_MOST_METADATA, _MOST_METADATA_BYTES = 1000, 20_000_000
+_MOST_WINDOW_BYTES = 1 << 27
+"""Memory that zstd may need beside its output; its own limit."""
+_LATEST_NS = 1 << 62
+"""Stamps are times of a clock of this century; the sum of two remains within 64 bits."""
 MESSAGE_POSITION = np.dtype([("stamp_ns", "i8"), ("chunk", "i4"), ("number", "i4"), ("channel", "i4")])
 """Position of a message: its chunk, and its number among the messages of its channel there; with the stamp that it must have."""
 
@@ -53,24 +64,33 @@ class McapFile:
         self._attachments: list[tuple[int, int]] = []
         self._chunks: list[tuple[int, int]] = []
         self._positions: dict[int, list[Array]] = defaultdict(list)
+        self._unpacked_bytes, self._counted_chunks = 0, set[int]()
         self._last_read: tuple[int, dict[int, list[Message]]] = (-1, {})
         try:
-            self.is_finished = self._read_magic()
-            self._read_records()
-            if not self.is_finished:
-                self._drop_damaged_end()
-            first = next(self.chunks(), [])  # `writer` puts all channels there
-            self._channels = {one.topic: one.id for one in first if isinstance(one, Channel)}
-            if self.is_finished:
-                self._require_counted_records()
-        except (McapError, ValueError, IndexError, MemoryError, struct.error) as error:
-            self.close()
-            raise RecordingUnreadable(
-                expected=f"a recording in {path}", got=f"a damaged file ({error})", remedy="restore it from a copy"
-            ) from error
+            with self._damage_errors():
+                self.is_finished = self._read_magic()
+                self._read_records()
+                if not self.is_finished:
+                    self._drop_damaged_end()
+                first = next(self.chunks(), [])  # `writer` puts all channels there
+                self._channels = {one.topic: one.id for one in first if isinstance(one, Channel)}
+                if self.is_finished:
+                    self._require_counted_records()
         except BaseException:
             self.close()
             raise
+
+    @contextmanager
+    def _damage_errors(self) -> Iterator[None]:
+        """Raise `RecordingUnreadable` for whatever a library raises in the block for data that it cannot read."""
+        try:
+            yield
+        except (RecordingUnreadable, OSError):
+            raise
+        except Exception as error:  # every decompressor has errors of its own
+            raise RecordingUnreadable(
+                expected=f"a recording in {self.path}", got=f"a damaged file ({error})", remedy="restore it from a copy"
+            ) from error
 
     def positions(self, topic: str) -> Array:
         """Return `MESSAGE_POSITION` of the messages of a topic, in the order of writing."""
@@ -86,7 +106,7 @@ class McapFile:
             self._last_read = number, _messages_by_channel(self._read_chunk(number))
         messages = self._last_read[1].get(int(position["channel"]), [])
         if position["number"] >= len(messages) or messages[position["number"]].log_time != position["stamp_ns"]:
-            raise self.damage_error(position)
+            raise self._damage_error(self._chunks[number][0])
         return messages[position["number"]]
 
     def chunks(self) -> Iterator[list[McapRecord]]:
@@ -100,11 +120,9 @@ class McapFile:
             checksum = int.from_bytes(content[-4:], "little")
             if checksum and zlib.crc32(content[:-4]) != checksum:  # zero stands for no checksum
                 raise self._damage_error(start)
-            yield Attachment.read(ReadDataStream(BytesIO(content)))
-
-    def damage_error(self, position: np.void) -> RecordingUnreadable:
-        """Return the error for a message that differs from what was written."""
-        return self._damage_error(self._chunks[position["chunk"]][0])
+            with self._damage_errors():
+                attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+            yield attachment
 
     def close(self) -> None:
         """Close the file."""
@@ -121,7 +139,7 @@ class McapFile:
 
     def _read_records(self) -> None:
         """Find all whole records before the summary; those of messages that follow a chunk belong to it."""
-        size = self._file.seek(0, 2)
+        size, metadata_bytes = self._file.seek(0, 2), 0
         while self.end + _PREFIX.size <= size:
             self._file.seek(self.end)
             opcode, length = _PREFIX.unpack(self._file.read(_PREFIX.size))
@@ -133,35 +151,52 @@ class McapFile:
             elif opcode == Opcode.ATTACHMENT:
                 self._attachments.append((start, end))
             elif opcode == Opcode.METADATA:
+                metadata_bytes += length
+                if metadata_bytes > _MOST_METADATA_BYTES or len(self.metadata) == _MOST_METADATA:
+                    raise ValueError("metadata without end")
                 self.metadata.append(Metadata.read(ReadDataStream(BytesIO(self._content(start, end)))))
             elif opcode == Opcode.MESSAGE_INDEX and self._chunks:
                 content = self._content(start, end)  # channel, length, and time and offset of each message
                 stamps_ns = np.frombuffer(content, "<u8", offset=6)[::2]
-                self._add_positions(int.from_bytes(content[:2], "little"), stamps_ns.astype(np.int64))
+                self._add_positions(int.from_bytes(content[:2], "little"), stamps_ns)
             self.end = end
 
     def _read_chunk(self, number: int) -> list[McapRecord]:
         """Return the records of a chunk, decompressed and checked; raises `RecordingUnreadable`."""
         try:
             chunk = Chunk.read(ReadDataStream(BytesIO(self._content(*self._chunks[number]))))
-            return breakup_chunk(chunk, validate_crc=True)
+            self._count_unpacked(number, chunk.uncompressed_size)
+            return _parse_records(_unpack(chunk))
         except Exception as trouble:  # every decompressor has errors of its own
             raise self._damage_error(self._chunks[number][0]) from trouble
 
+    def _count_unpacked(self, number: int, size: int) -> None:
+        """Raise `ValueError` where a chunk, or all chunks that were read, unpack to more than a recording does."""
+        if number not in self._counted_chunks:
+            self._counted_chunks.add(number)
+            self._unpacked_bytes += size
+        most = max(_MOST_UNPACKED_BYTES, _MOST_UNPACKED_RATIO * self.end)
+        if size > _MOST_CHUNK_BYTES or self._unpacked_bytes > most:
+            raise ValueError(f"{size} bytes in a chunk")
+
     def _drop_damaged_end(self) -> None:
         """Leave out the damaged chunks at the end; the messages of the last whole one are counted, whose index may be missing."""
+        whole: list[McapRecord] = []
         while self._chunks:
-            last = len(self._chunks) - 1
-            self._positions = defaultdict(
-                list, {of: [one for one in parts if one["chunk"][0] < last] for of, parts in self._positions.items()}
-            )
             with suppress(RecordingUnreadable):
-                for channel, messages in _messages_by_channel(self._read_chunk(last)).items():
-                    self._add_positions(channel, np.array([message.log_time for message in messages]))
-                return
+                whole = self._read_chunk(len(self._chunks) - 1)
+                break
             self._chunks.pop()
+        last = len(self._chunks) - 1
+        self._positions = defaultdict(
+            list, {of: [one for one in parts if one["chunk"][0] < last] for of, parts in self._positions.items()}
+        )
+        for channel, messages in _messages_by_channel(whole).items():
+            self._add_positions(channel, np.array([message.log_time for message in messages], np.uint64))
 
     def _add_positions(self, channel: int, stamps_ns: Array) -> None:
+        if len(stamps_ns) and stamps_ns.max() > _LATEST_NS:
+            raise ValueError("a stamp of no time")
         found = np.empty(len(stamps_ns), MESSAGE_POSITION)
         found["stamp_ns"], found["number"] = stamps_ns, np.arange(len(stamps_ns))
         found["channel"], found["chunk"] = channel, len(self._chunks) - 1
@@ -170,11 +205,9 @@ class McapFile:
 
     def _require_counted_records(self) -> None:
         """Compare a finished file with the counts of its own summary; raises `RecordingUnreadable` where something is missing."""
-        self._file.seek(0)
-        summary = SeekingReader(self._file).get_summary()
-        stated = None if summary is None else summary.statistics
         messages = {channel: sum(map(len, parts)) for channel, parts in self._positions.items()}
         counts = len(self._chunks), len(self._attachments), len(self.metadata), messages
+        stated = self._read_statistics()
         if stated is not None and counts != (
             stated.chunk_count,
             stated.attachment_count,
@@ -182,6 +215,17 @@ class McapFile:
             {channel: count for channel, count in stated.channel_message_counts.items() if count},
         ):
             raise self._damage_error(self.end)
+
+    def _read_statistics(self) -> Statistics | None:
+        """Return the counts in the summary, which follows the data; None where the file has none."""
+        at, size = self.end, self._file.seek(0, 2)
+        while at + _PREFIX.size <= size:
+            self._file.seek(at)
+            opcode, length = _PREFIX.unpack(self._file.read(_PREFIX.size))
+            start, at = at, at + _PREFIX.size + length
+            if opcode == Opcode.STATISTICS and at <= size:
+                return Statistics.read(ReadDataStream(BytesIO(self._content(start, at))))
+        return None
 
     def _content(self, start: int, end: int) -> bytes:
         self._file.seek(start + _PREFIX.size)
@@ -208,6 +252,48 @@ def _open_file(path: Path) -> BinaryIO:
         raise RecordingUnreadable(
             expected=f"to read {path}", got=str(error.strerror), remedy="check its permissions"
         ) from error
+
+
+def _unpack(chunk: Chunk) -> bytes:
+    """Return the data of a chunk, of the size that it states; raises `ValueError` and what a decompressor raises."""
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        import zstandard
+
+        reader = zstandard.ZstdDecompressor(max_window_size=_MOST_WINDOW_BYTES).stream_reader(chunk.data)
+        data = bytes(reader.read(size + 1))  # whatever the frame itself states
+    elif chunk.compression == "lz4":
+        import lz4.frame  # type: ignore[import-untyped]
+
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    elif chunk.compression == "":
+        data = chunk.data
+    else:
+        raise ValueError(f"compression by {chunk.compression[:20]!r}")
+    if len(data) != size:
+        raise ValueError(f"a chunk of another size than the {size} bytes that it states")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):  # zero stands for no checksum
+        raise ValueError("a chunk of another checksum")
+    return data
+
+
+def _parse_records(data: bytes) -> list[McapRecord]:
+    """Return the schemas, channels and messages of a chunk; raises `ValueError` and what `mcap` raises."""
+    records: list[McapRecord] = []
+    at = count = 0
+    while at < len(data):
+        opcode, length = _PREFIX.unpack_from(data, at)
+        start, at, count = at + _PREFIX.size, at + _PREFIX.size + length, count + 1
+        if at > len(data) or count > _MOST_RECORDS:
+            raise ValueError("a chunk of more records than it holds")
+        stream = ReadDataStream(BytesIO(data[start:at]))
+        if opcode == Opcode.MESSAGE:
+            records.append(Message.read(stream, length))
+        elif opcode == Opcode.CHANNEL:
+            records.append(Channel.read(stream))
+        elif opcode == Opcode.SCHEMA:
+            records.append(Schema.read(stream))
+    return records
 
 
 def _messages_by_channel(records: list[McapRecord]) -> dict[int, list[Message]]:

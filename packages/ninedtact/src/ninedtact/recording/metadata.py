@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from ninedtact._version import __version__
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
-from ninedtact.errors import OutputError
+from ninedtact.errors import OutputError, printable_text
 from ninedtact.recording.errors import RecordingUnreadable
 
 REPAIR_RECORD = "ninedtact_repair"
@@ -29,6 +29,8 @@ RECORDING_FORMAT = 3
 """Format number; recordings of other formats are refused. 3: storage of images and heights, and the camera delay, are stated."""
 ImageStorage = Literal["zstd", "png"]
 """How images are stored, both without loss: raw in chunks that zstd compresses, or each as a PNG."""
+_LATEST_NS = 1 << 62
+"""Greatest difference of two clocks; a stamp and it remain within 64 bits."""
 HEIGHT_STEP_16_BIT_MM = 0.001
 """Quantisation step of heights of 16 bits: a twentieth of the noise of one pixel; they reach ±32 mm."""
 
@@ -60,7 +62,7 @@ class RecordingMetadata:
     mm_per_px: Annotated[float, Meta(ge=0, le=1e3)] = 0.0
     """Scale of the height maps, where there are any."""
     images: ImageStorage = "zstd"
-    height_step_mm: Annotated[float, Meta(ge=0, le=1e3)] = 0.0
+    height_step_mm: Annotated[float, Meta(ge=0, le=1)] = 0.0
     """Quantisation step of heights that are stored as integers of 16 bits; 0 for 32-bit floating point."""
     camera_delay_ms: Annotated[float, Meta(ge=-1e6, le=1e6)] = 0.0
     """Delay of the camera that was subtracted from the arrival times of its images; their stamps are times of exposure then."""
@@ -69,7 +71,9 @@ class RecordingMetadata:
     software: str = __version__
     """Version of the package that made the recording."""
     id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{token_hex(2)}")
-    wall_minus_monotonic_ns: int = field(default_factory=wall_minus_monotonic_ns)
+    wall_minus_monotonic_ns: Annotated[int, Meta(ge=-_LATEST_NS, le=_LATEST_NS)] = field(
+        default_factory=wall_minus_monotonic_ns
+    )
 
     @property
     def topic_name(self) -> str:
@@ -82,7 +86,7 @@ class RecordingMetadata:
 
     def to_mcap_metadata(self) -> dict[str, str]:
         """Return the format number and all fields as strings by name, as MCAP keeps them, with their checksum; no empty name."""
-        stated = {name: str(value) for name, value in asdict(self).items() if name != "name" or value}
+        stated = {name: printable_text(str(value)) for name, value in asdict(self).items() if name != "name" or value}
         values = {"format": str(RECORDING_FORMAT), **stated}
         return {**values, CHECKSUM_KEY: mapping_checksum(values)}
 

@@ -1,23 +1,23 @@
 """Reads a recording, whole or cut short: frames, wrenches, heights, labels, readings, and a summary of its content."""
 
-import json
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from datetime import UTC, datetime
 from functools import cached_property
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Int64, UInt8
 from mcap.records import Message
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import SourceIncomplete
-from ninedtact.errors import InputError
+from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
@@ -39,6 +39,7 @@ from ninedtact.recording.topics_and_messages import (
     decode_height_map,
     decode_image,
     decode_labelled_span,
+    decode_labelled_spans,
     decode_pair_label,
     decode_reference_grey,
     decode_wrench,
@@ -46,6 +47,7 @@ from ninedtact.recording.topics_and_messages import (
 )
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader, FindReferenceFaults
 
+Decoded = TypeVar("Decoded")
 SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
 """First part of the names of the attachments that hold the sensor folder; among several sensors, their name is the second."""
 SPANS_ATTACHMENT = "spans.json"
@@ -148,14 +150,42 @@ class Recording:
         messages = map(self.file.message, positions[positions["stamp_ns"] == stamp_ns])
         return next((message for message in messages if message.sequence == index), None)
 
-    def frame(self, position: np.void) -> Frame:
-        """Return one frame as it was read, its stamp and index included; raises `RecordingUnreadable` where the file is damaged."""
-        message = self.file.message(position)
+    def decode(self, message: Message, decode: Callable[..., Decoded], *arguments: Any) -> Decoded:
+        """Return what the data of a message hold; raises `RecordingUnreadable` where they cannot be decoded."""
         try:
-            image = decode_image(message.data, self.metadata.images)
-        except ValueError as error:
-            raise self.file.damage_error(position) from error
+            return decode(message.data, *arguments)
+        except Exception as error:  # rosbags, msgspec, NumPy and Pillow raise errors of their own
+            reason = (error.got if isinstance(error, FileFormatError) else str(error)).splitlines() or [""]
+            raise RecordingUnreadable(
+                expected=f"{self.path} as it was recorded",
+                got=f"a message at {message.log_time} ns that cannot be read ({reason[0][:100]})",
+                remedy="restore the file from a copy",
+            ) from error
+
+    def frame(self, position: np.void) -> Frame:
+        """Return one frame as it was read, its stamp and index included.
+
+        Raises `RecordingUnreadable` where the file is damaged, and for an image of another size than the first one.
+        """
+        message = self.file.message(position)
+        image = self._decode_image(message)
+        first = self._image_shapes.get(int(position["channel"]), image.shape)
+        if image.shape != first:
+            raise RecordingUnreadable(
+                expected=f"images of {first[1]} x {first[0]} pixels in {self.path}, as the first one",
+                got=f"{image.shape[1]} x {image.shape[0]}",
+                remedy="restore the file from a copy",
+            )
         return Frame(image, message.log_time, message.sequence)
+
+    @cached_property
+    def _image_shapes(self) -> dict[int, tuple[int, ...]]:
+        """Shapes of the first image of each topic of images, by its channel."""
+        firsts = [positions[0] for topic in (Topic.IMAGES, Topic.REFERENCE) if len(positions := self.positions(topic))]
+        return {int(one["channel"]): self._decode_image(self.file.message(one)).shape for one in firsts}
+
+    def _decode_image(self, message: Message) -> UInt8[Array, "rows cols 3"]:
+        return self.decode(message, decode_image, self.metadata.images)
 
     def frames(self, topic: Topic = Topic.IMAGES) -> Iterator[Frame]:
         """Yield all frames, or the reference images with `Topic.REFERENCE`."""
@@ -184,7 +214,7 @@ class Recording:
     def wrench(self, position: np.void) -> Wrench:
         """Return one wrench about the skin centre."""
         message = self.file.message(position)
-        return decode_wrench(message.data, message.log_time)
+        return self.decode(message, decode_wrench, message.log_time)
 
     def wrenches(self, topic: Topic = Topic.MEASURED) -> Iterator[Wrench]:
         """Yield all measured wrenches, or the estimated ones with `Topic.ESTIMATED`."""
@@ -192,7 +222,10 @@ class Recording:
 
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the image index and the warnings of every image whose heights or estimate have any."""
-        return ((message.sequence, decode_estimate_warnings(message.data)) for message in self.messages(Topic.WARNINGS))
+        return (
+            (message.sequence, self.decode(message, decode_estimate_warnings))
+            for message in self.messages(Topic.WARNINGS)
+        )
 
     def estimates(self) -> Iterator[WrenchEstimate]:
         """Yield all estimated wrenches with their errors and warnings."""
@@ -202,18 +235,23 @@ class Recording:
         """Return the estimate of one message on `Topic.ESTIMATED` with its errors and warnings."""
         others = (self.message_of_image(topic, message) for topic in (Topic.COVARIANCE, Topic.WARNINGS))
         errors, warned = (None if other is None else other.data for other in others)
-        return decode_wrench_estimate(decode_wrench(message.data, message.log_time), errors, warned)
+
+        def decode_all(data: bytes) -> WrenchEstimate:
+            return decode_wrench_estimate(decode_wrench(data, message.log_time), errors, warned)
+
+        return self.decode(message, decode_all)
 
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
         """Yield the image index and the heights in mm, NaN out of view."""
-        step_mm = self.metadata.height_step_mm
-        return (
-            (message.sequence, decode_height_map(message.data, step_mm)) for message in self.messages(Topic.HEIGHTS)
-        )
+        return ((message.sequence, self.decode_heights(message)) for message in self.messages(Topic.HEIGHTS))
+
+    def decode_heights(self, message: Message) -> Float32[Array, "rows cols"]:
+        """Return the heights of a message in mm, NaN out of view."""
+        return self.decode(message, decode_height_map, self.metadata.height_step_mm)
 
     def labels(self) -> Iterator[PairLabel]:
         """Yield the labels of all saved pairs, undone contacts included."""
-        return (decode_pair_label(message.data, message.log_time) for message in self.messages(Topic.LABELS))
+        return (self.decode(one, decode_pair_label, one.log_time) for one in self.messages(Topic.LABELS))
 
     def kept_labels(self) -> list[PairLabel]:
         """Return the labels of all saved pairs, undone contacts excluded."""
@@ -222,7 +260,7 @@ class Recording:
 
     def events(self) -> list[RecordingEvent]:
         """Return all events: everything that happened besides images and wrenches."""
-        return [decode_event(message.data, message.log_time) for message in self.messages(Topic.EVENTS)]
+        return [self.decode(one, decode_event, one.log_time) for one in self.messages(Topic.EVENTS)]
 
     def spans(self) -> list[LabelledSpan]:
         """Return the labelled spans in the order of their beginnings, as they were last edited; several sensors share them.
@@ -232,13 +270,13 @@ class Recording:
         attached = [one for one in self.file.attachments() if one.name == SPANS_ATTACHMENT]
         try:
             if attached:
-                spans = [LabelledSpan(**one) for one in json.loads(attached[-1].data)]
+                spans = decode_labelled_spans(attached[-1].data)
             else:
                 paths = [Topic.SPANS.path(metadata.topic_name) for metadata in self.all_metadata]
                 positions = np.concatenate([self.file.positions(path) for path in paths])
-                spans = [decode_labelled_span(message.data) for message in map(self.file.message, positions)]
+                spans = [self.decode(one, decode_labelled_span) for one in map(self.file.message, positions)]
             return sorted(spans, key=lambda span: (span.begin_ns, span.end_ns))
-        except (ValueError, TypeError) as error:
+        except (ValueError, RecursionError) as error:
             raise RecordingUnreadable(
                 expected=f"the labelled spans of {self.path} as they were written",
                 got=str(error),
@@ -265,7 +303,7 @@ class Recording:
         folder, files = PurePosixPath(_attached_folder(self.metadata.name)).parts, {}
         for attachment in self.file.attachments():
             parts = PurePosixPath(attachment.name).parts
-            if parts[: len(folder)] == folder and len(parts) > len(folder) and ".." not in parts:
+            if parts[: len(folder)] == folder and _is_path_in_folder(parts[len(folder) :]):
                 files[str(PurePosixPath(*parts[len(folder) :]))] = attachment.data
         return files
 
@@ -392,7 +430,7 @@ class RecordedReferences:
         if self.topic is not Topic.REFERENCE_GREY:
             return self._shape.depth_reader(*self._frames_at(number), find_faults=self._find_faults)
         message, wanted = self.recording.file.message(self._positions[number]), self._shape.rectify.height_source.shape
-        grey = decode_reference_grey(message.data)
+        grey = self.recording.decode(message, decode_reference_grey)
         if grey.shape != wanted:
             raise RecordingUnreadable(
                 expected=f"a reference image of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has",
@@ -409,6 +447,15 @@ def sensor_folder_attachments(folder: Path, name: str = "") -> dict[str, bytes]:
     name: of the sensor among several.
     """
     return {f"{_attached_folder(name)}/{file}": content for file, content in read_folder_files(folder).items()}
+
+
+def _is_path_in_folder(parts: tuple[str, ...]) -> bool:
+    """Return whether parts of a path name a file in a folder on every system."""
+    names = (
+        name != ".." and len(name.encode()) <= 255 and not re.search(r'[\x00-\x1f\x7f<>:"|?*\\]', name)
+        for name in parts
+    )
+    return 0 < len(parts) <= 8 and all(names)
 
 
 def _attached_folder(name: str) -> str:

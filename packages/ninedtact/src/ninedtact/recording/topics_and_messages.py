@@ -12,14 +12,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import Any
+from math import prod
+from typing import Annotated, Any, TypeVar
 
 import cv2
+import msgspec
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
+from msgspec import Meta, Struct
 from numpy import ndarray as Array
 from rosbags.typesys import Stores, get_typestore
 
+from ninedtact.capture.strict_image_reading import decode_image_file
+from ninedtact.errors import printable_text
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 
 _NS_PER_S = 1_000_000_000
@@ -31,6 +36,8 @@ _COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 _PNG_PARAMETERS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12; smaller and twice as fast
     _PNG_PARAMETERS += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
+Fields = TypeVar("Fields")
+_StampNs = Annotated[int, Meta(ge=-(1 << 62), le=1 << 62)]
 CAMERA_FRAME, SKIN_FRAME = "camera", "skin"
 """Frames of a recording, that of the camera image and that of heights and wrenches; among several sensors after their name."""
 _WARN = 1
@@ -128,8 +135,8 @@ class RecordingEvent:
 class LabelledSpan:
     """A stretch of time that a person has named."""
 
-    begin_ns: int
-    end_ns: int
+    begin_ns: _StampNs
+    end_ns: _StampNs
     label: str
 
 
@@ -238,24 +245,20 @@ def encode_event(event: RecordingEvent) -> bytes:
 
 
 def decode_image(data: bytes, images: str = "zstd") -> UInt8[Array, "rows cols 3"]:
-    """Return the image of a message in its own memory; raises `ValueError` for a damaged PNG."""
+    """Return the image of a message in its own memory; raises `FileFormatError` for what is no PNG of 8 bits."""
     if images == "png":
         png = type_store().deserialize_cdr(data, _COMPRESSED_IMAGE_TYPE).data
-        image = cv2.imdecode(png, cv2.IMREAD_COLOR)
-        if image is None:
-            raise ValueError("a PNG that cannot be decoded")
-        return image
-    message = _decode(Topic.IMAGES, data)
-    return message.data.reshape(message.height, message.width, 3).copy()
+        return decode_image_file(png.tobytes(), "PNG")
+    return _pixels(_decode(Topic.IMAGES, data), "bgr8", np.dtype(np.uint8), 3).copy()
 
 
 def decode_height_map(data: bytes, step_mm: float = 0.0) -> Float32[Array, "rows cols"]:
     """Return the heights of a message in mm, NaN out of view; step_mm: that of heights in 16 bits."""
     message = _decode(Topic.HEIGHTS, data)
     if step_mm:
-        steps = message.data.view("<i2").reshape(message.height, message.width)
+        steps = _pixels(message, "16SC1", np.dtype("<i2"))
         return np.where(steps == _OUT_OF_VIEW_16_BIT, np.nan, steps * step_mm).astype(np.float32)
-    z_m = message.data.view("<f4").reshape(message.height, message.width)
+    z_m = _pixels(message, "32FC1", np.dtype("<f4"))
     return (z_m.astype(np.float64) * _MM_PER_M).astype(np.float32)
 
 
@@ -283,27 +286,52 @@ def decode_wrench_estimate(wrench: Wrench, covariance: bytes | None, warnings: b
 
 def decode_pair_label(data: bytes, stamp_ns: int) -> PairLabel:
     """Return the label of a message."""
-    fields = json.loads(_decode(Topic.LABELS, data).data)
-    wrench = fields.pop("wrench")
-    force_n, torque_nm = np.array(wrench["force_n"], float), np.array(wrench["torque_nm"], float)
-    return PairLabel(stamp_ns, **fields, wrench=Wrench(force_n, torque_nm, stamp_ns=stamp_ns))
+    label = _decode_json(Topic.LABELS, data, _PairLabelFields)
+    wrench = Wrench(np.array(label.wrench.force_n), np.array(label.wrench.torque_nm), stamp_ns=stamp_ns)
+    return PairLabel(stamp_ns, label.image, label.reference, label.object, label.contact, label.kind, wrench)
 
 
 def decode_labelled_span(data: bytes) -> LabelledSpan:
     """Return the labelled span of a message."""
-    return LabelledSpan(**json.loads(_decode(Topic.SPANS, data).data))
+    return _decode_json(Topic.SPANS, data, LabelledSpan)
+
+
+def decode_labelled_spans(text: bytes) -> list[LabelledSpan]:
+    """Return the labelled spans of an attachment; raises `ValueError` and `RecursionError`."""
+    return msgspec.json.decode(text, type=list[LabelledSpan])
 
 
 def decode_reference_grey(data: bytes) -> Float32[Array, "rows cols"]:
     """Return the grey levels of a rectified reference image."""
-    message = _decode(Topic.REFERENCE_GREY, data)
-    return message.data.view("<f4").reshape(message.height, message.width).copy()
+    return _pixels(_decode(Topic.REFERENCE_GREY, data), "32FC1", np.dtype("<f4")).copy()
 
 
 def decode_event(data: bytes, stamp_ns: int) -> RecordingEvent:
     """Return the event of a message."""
-    fields = json.loads(_decode(Topic.EVENTS, data).data)
-    return RecordingEvent(stamp_ns, RecordingEventKind(fields["kind"]), fields["subject"], fields["text"])
+    event = _decode_json(Topic.EVENTS, data, _EventFields)
+    if event.kind is RecordingEventKind.DROPPED and not re.fullmatch("[0-9]{1,18}", event.subject):
+        raise ValueError(f"{event.subject[:20]!r} images lost")
+    return RecordingEvent(stamp_ns, event.kind, event.subject, event.text)
+
+
+class _WrenchFields(Struct):
+    force_n: tuple[float, float, float]
+    torque_nm: tuple[float, float, float]
+
+
+class _PairLabelFields(Struct):
+    image: int
+    reference: int
+    object: str
+    contact: str
+    kind: str
+    wrench: _WrenchFields
+
+
+class _EventFields(Struct):
+    kind: RecordingEventKind
+    subject: str
+    text: str
 
 
 def encode_message(message_type: str, **fields: Any) -> bytes:
@@ -319,8 +347,12 @@ def _decode(topic: Topic, data: bytes) -> Any:
     return type_store().deserialize_cdr(data, MESSAGE_TYPES[topic])
 
 
+def _decode_json(topic: Topic, data: bytes, kind: type[Fields]) -> Fields:
+    return msgspec.json.decode(_decode(topic, data).data, type=kind)
+
+
 def _encode_json(topic: Topic, fields: dict[str, Any]) -> bytes:
-    return _encode(topic, data=json.dumps(fields, ensure_ascii=False))
+    return _encode(topic, data=printable_text(json.dumps(fields, ensure_ascii=False)))
 
 
 def _without_stamp(item: RecordingEvent | PairLabel) -> dict[str, Any]:
@@ -332,6 +364,14 @@ def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: 
     data = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
     layout = {"height": rows, "width": cols, "encoding": encoding, "is_bigendian": 0, "step": data.size // rows}
     return _encode(topic, header=header, data=data, **layout)
+
+
+def _pixels(message: Any, encoding: str, kind: np.dtype[Any], channels: int = 1) -> Array:
+    """Return the pixels of an image message; raises `ValueError` for another encoding or number of bytes."""
+    shape = (message.height, message.width, channels)[: 2 + (channels > 1)]
+    if message.encoding != encoding or message.is_bigendian or message.data.nbytes != prod(shape) * kind.itemsize:
+        raise ValueError(f"an image of {message.data.nbytes} bytes and encoding {message.encoding[:20]!r}")
+    return message.data.view(kind).reshape(shape)
 
 
 def message_header(wall_ns: int, frame: str) -> Any:

@@ -57,7 +57,7 @@ _OTHER_MESSAGES = (
         event_type=Literal["click"],
         ray_origin=_Vector,
         ray_direction=_Vector,
-        screen_pos=Annotated[list[tuple[_Number, _Number]], Meta(max_length=2)],
+        screen_pos=Annotated[list[tuple[_Number, _Number]], Meta(min_length=1, max_length=2)],
         modifier=_Text | None,
     ),
     _message("TransformControlsUpdateMessage", **_Handle, wxyz=_Quaternion, position=_Vector),
@@ -80,16 +80,22 @@ class UploadTest:
     """Lets one client upload one file at a time, so that it costs one file of memory."""
 
     def __init__(self) -> None:
-        self._transfer_uuid, self._missing_parts = "", 0
+        self._transfer_uuid, self._missing_parts, self._size, self._part_count = "", 0, 0, 0
 
     def accepts(self, message: Any) -> bool:
         """Return whether a message belongs to the upload that has begun, begins one after another has ended, or is no upload."""
         if isinstance(message, _UploadMessage):
             if self._missing_parts:
                 return False
+            if message.part_count != -(-message.size_bytes // PART_BYTES):
+                return False
             self._transfer_uuid, self._missing_parts = message.transfer_uuid, message.part_count
+            self._size, self._part_count = message.size_bytes, message.part_count
         elif isinstance(message, _PartMessage):
             if message.transfer_uuid != self._transfer_uuid or not self._missing_parts:
+                return False
+            index = self._part_count - self._missing_parts
+            if message.part_index != index or len(message.content) != min(PART_BYTES, self._size - index * PART_BYTES):
                 return False
             self._missing_parts -= 1
         return True

@@ -33,7 +33,6 @@ from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
-    decode_height_map,
 )
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
 from ninedtact.shape.coloured_height_map import ColourScale
@@ -77,7 +76,7 @@ class RecordedReadings:
         reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
         stored = self.recording.message_of_image(Topic.HEIGHTS, frame)
         if stored is not None:
-            z_mm = decode_height_map(stored.data, self.recording.metadata.height_step_mm)
+            z_mm = self.recording.decode_heights(stored)
             self._require_size(z_mm.shape)
             computed = reading.height
             reading = replace(reading, height=replace(computed, z_mm=np.where(np.isnan(z_mm), computed.z_mm, z_mm)))

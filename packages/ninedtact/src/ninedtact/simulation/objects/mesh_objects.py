@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray as Array
 
 from ninedtact.errors import FileFormatError, MissingLibraryError
+from ninedtact.limited_process import FileTooCostly, run_limited
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.required_libraries import require_libraries
 from ninedtact.simulation.objects.height_fields import Heightfield
@@ -191,7 +192,17 @@ MOST_MB = 500
 
 
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
-    """Return the object in a mesh file; raises `MeshUnusable` and `MissingLibraryError`."""
+    """Return the object in a mesh file, read in a process of its own; raises `MeshUnusable` and `MissingLibraryError`."""
+    _require_mesh_file(path)
+    try:
+        return run_limited(_load_mesh_object, path, placing, file_bytes=path.stat().st_size)
+    except FileTooCostly as error:
+        raise MeshUnusable(
+            expected=f"a mesh in {path}", got="a file that takes too long or too much memory", remedy="simplify it"
+        ) from error
+
+
+def _load_mesh_object(path: Path, placing: MeshPlacement) -> MeshObject:
     vertices, faces, stated_unit = _read_mesh(path)
     if placing.fit_mm is None and stated_unit not in (None, placing.unit):
         remedy = f"give unit {stated_unit}" if stated_unit in MM_PER_UNIT else "export it in millimetres"
@@ -207,16 +218,11 @@ _UNIT_OF_3MF = {"millimeter": "mm", "millimeters": "mm", "centimeter": "cm", "me
 
 def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
     """Return vertices and triangles as the file has them, several bodies as one, and the unit that the file states, if any."""
-    if not path.is_file() or path.suffix.lower() not in MESH_FILE_SUFFIXES or path.stat().st_size > MOST_MB * 1e6:
-        raise MeshUnusable(
-            expected=f"a file of at most {MOST_MB} MB ending in {', '.join(MESH_FILE_SUFFIXES)}",
-            got=f"{path}{'' if path.exists() else ', which is not there'}",
-            remedy="check the path, or convert or simplify the mesh",
-        )
     trimesh = _import_trimesh()
     try:
         # Processing is off, so that broken vertices reach the checks and are refused.
-        mesh = trimesh.load_mesh(path, process=False)
+        plain = {"skip_materials": True, "group_material": False} if path.suffix.lower() == ".obj" else {}
+        mesh = trimesh.load_mesh(path, process=False, **plain)
     except ImportError as absence:
         raise MissingLibraryError(
             f"expected the libraries with which trimesh reads {path.suffix} files, got: {absence}; run: pip install lxml networkx"
@@ -230,6 +236,16 @@ def _read_mesh(path: Path) -> tuple[Vertices, Faces, str | None]:
     stated = mesh.units if path.suffix.lower() == ".3mf" else None
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
     return vertices.reshape(-1, 3), faces.reshape(-1, 3), None if stated is None else _UNIT_OF_3MF.get(stated, stated)
+
+
+def _require_mesh_file(path: Path) -> None:
+    """Raise `MeshUnusable` for what is no file, too large, or of another kind."""
+    if not path.is_file() or path.suffix.lower() not in MESH_FILE_SUFFIXES or path.stat().st_size > MOST_MB * 1e6:
+        raise MeshUnusable(
+            expected=f"a file of at most {MOST_MB} MB ending in {', '.join(MESH_FILE_SUFFIXES)}",
+            got=f"{path}{'' if path.exists() else ', which is not there'}",
+            remedy="check the path, or convert or simplify the mesh",
+        )
 
 
 def _import_trimesh() -> Any:
