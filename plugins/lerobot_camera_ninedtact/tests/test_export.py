@@ -61,9 +61,7 @@ def test_recordings_that_differ_are_refused_in_one_sentence_and_leave_nothing(tm
     path, without = write_episode(tmp_path / "one.mcap", 3), write_episode(tmp_path / "two.mcap", 3, samples=0)
     with Recording(without) as no_wrench, Recording(path) as wrenches:
         assert export_lerobot([no_wrench], tmp_path / "images")["features"] == 7
-        with pytest.raises(
-            InputError, match=r"the same wrenches, got .*two.mcap with 44 x 30 px and no wrench"
-        ):
+        with pytest.raises(InputError, match=r"the same wrenches, got .*two.mcap with 44 x 30 px and no wrench"):
             export_lerobot([no_wrench, no_wrench, wrenches], tmp_path / "both")
         with pytest.raises(InputError, match="at least one recording, got none"):
             export_lerobot([], tmp_path / "both")
