@@ -2,6 +2,7 @@
 
 import json
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +10,16 @@ import pytest
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "packages/ninedtact/tests/recording"))
-from episodes import SHAPE, frame, sample, write_episode, write_estimates
+from episodes import BEGAN_NS, SHAPE, frame, noise, sample, write_episode, write_estimates
 
 from lerobot_camera_ninedtact.export import UNKNOWN_STD, export_lerobot
 from ninedtact.cli import main
 from ninedtact.errors import InputError
+from ninedtact.quantities import Frame
+from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
+from ninedtact.recording.topics_and_messages import Topic
+from ninedtact.recording.writer import RecordingWriter
 
 
 def test_recordings_are_episodes_with_images_and_wrenches(tmp_path: Path) -> None:
@@ -56,9 +61,7 @@ def test_recordings_that_differ_are_refused_in_one_sentence_and_leave_nothing(tm
     path, without = write_episode(tmp_path / "one.mcap", 3), write_episode(tmp_path / "two.mcap", 3, samples=0)
     with Recording(without) as no_wrench, Recording(path) as wrenches:
         assert export_lerobot([no_wrench], tmp_path / "images")["features"] == 7
-        with pytest.raises(
-            InputError, match=r"the same wrenches, got .*two.mcap with 44 x 30 px at 30 Hz and no wrench"
-        ):
+        with pytest.raises(InputError, match=r"the same wrenches, got .*two.mcap with 44 x 30 px and no wrench"):
             export_lerobot([no_wrench, no_wrench, wrenches], tmp_path / "both")
         with pytest.raises(InputError, match="at least one recording, got none"):
             export_lerobot([], tmp_path / "both")
@@ -78,3 +81,51 @@ def test_the_command_joins_recordings_and_says_what_it_wrote(
     assert json.loads(printed.out)["finished"] is False and printed.err.count("cut short") == 1
     assert main(arguments) == 1
     assert "new or empty folder" in capsys.readouterr().err
+
+
+def write_at_rate(path: Path, hz: float, frames: int = 12) -> Path:
+    with RecordingWriter(
+        path, RecordingMetadata("small"), (Topic.IMAGES,), {"sensor/sensor.toml": b"id = 'small'"}
+    ) as file:
+        for number in range(frames):
+            file.write_image(Frame(noise(number), BEGAN_NS + round(number * 1e9 / hz), number))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("rates_hz", "fps"), [((24.5, 25.5), 25), ((29.97, 30.9, 29.0), 30), ((59.0, 61.2, 60.0, 60.0), 60)]
+)
+def test_recordings_of_about_one_rate_are_one_set_with_all_images(
+    rates_hz: tuple[float, ...], fps: int, tmp_path: Path
+) -> None:
+    """In any order; a recording of one image has any rate."""
+    paths = [write_at_rate(tmp_path / f"{number}.mcap", hz) for number, hz in enumerate(rates_hz)]
+    for out, files in (("set", paths), ("reversed", [*paths[::-1], write_at_rate(tmp_path / "one.mcap", 1.0, 1)])):
+        with ExitStack() as opened:
+            written = export_lerobot([opened.enter_context(Recording(path)) for path in files], tmp_path / out)
+        assert written["frames"] == 12 * len(paths) + (out == "reversed")
+        assert LeRobotDataset(f"local/{out}", tmp_path / out).fps == fps
+
+
+@pytest.mark.parametrize("fps", [7, 20, 50])
+def test_a_rate_that_is_asked_for_takes_the_nearest_images_of_every_recording(fps: int, tmp_path: Path) -> None:
+    rates_hz = (24.5, 40.0)
+    paths = [write_at_rate(tmp_path / f"{hz}.mcap", hz) for hz in rates_hz]
+    with Recording(paths[0]) as slow, Recording(paths[1]) as fast:
+        with pytest.raises(InputError, match=r"within 5% of one rate.*got .*24.5 Hz; .*--fps"):
+            export_lerobot([slow, fast], tmp_path / "set")
+        with pytest.raises(InputError, match=r"1 to 1000 frames per second, got 0;"):
+            export_lerobot([slow, fast], tmp_path / "set", fps=0)
+    assert not (tmp_path / "set").exists()
+    arguments = ["export", *map(str, paths), "--out", str(tmp_path / "set"), "--to", "lerobot", "--fps", str(fps)]
+    assert main(arguments) == 0
+    read = LeRobotDataset("local/set", tmp_path / "set")
+    assert read.fps == fps
+    rows = [read[at] for at in range(len(read))]
+    for episode, hz in enumerate(rates_hz):
+        mine = [row for row in rows if row["episode_index"] == episode]
+        assert len(mine) == round(11 / hz * fps) + 1
+        for number, row in enumerate(mine):
+            assert abs(float(row["observation.time_s"]) - number / fps) <= 0.5 / hz + 1e-6 or number == len(mine) - 1
+            image = np.rint(row["observation.images.tactile"].numpy() * 255).astype(np.uint8).transpose(1, 2, 0)
+            np.testing.assert_array_equal(image[..., ::-1], noise(round(float(row["observation.time_s"]) * hz)))

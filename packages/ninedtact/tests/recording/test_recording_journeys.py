@@ -372,6 +372,19 @@ def test_a_program_records_heights_and_estimates_and_reads_them_again(sensor: Pa
     assert min(deepest[:3]) < 0.2 and max(deepest) > 0.4
 
 
+class Corrected(SimulatedCamera):
+    notices = ("the driver of camera 0 stamps images 0.9 s too early, which is taken out", "another")  # type: ignore[assignment]
+
+
+def test_what_a_camera_had_to_correct_is_said_and_kept_in_the_file(sensor: Path, tmp_path: Path) -> None:
+    path, said = tmp_path / "press.mcap", list[str]()
+    camera = Corrected(small_press_simulation(rounds=1))
+    record(camera, path, load_sensor(sensor), camera_delay_ms=12.5, notify=said.append)
+    assert said == list(Corrected.notices)
+    with Recording(path) as recording:
+        assert [(event.subject, event.text) for event in recording.events()] == [("camera", text) for text in said]
+
+
 def test_a_reference_of_another_sensor_is_a_warning_of_every_estimate_and_said_once(
     sensor: Path, tmp_path: Path
 ) -> None:

@@ -22,29 +22,40 @@ MEASURED, ESTIMATED = "observation.wrench", "observation.wrench_estimated"
 STD, WARNINGS = "observation.wrench_estimated_std", "wrench_estimated_warnings"
 UNKNOWN_STD = 1e6
 """Standard deviation in N and N·m of an estimate that knows nothing, in place of infinity, which statistics cannot hold."""
+_RATE_TOLERANCE = 0.05
+"""Relative difference from the common rate up to which recordings are taken to have it: two recordings of one camera differ."""
+_MOST_FPS = 1000
 
 
 def export_lerobot(
-    recordings: Sequence[Recording], out: Path, task: str = "touch", on_image: Callable[[], None] = lambda: None
+    recordings: Sequence[Recording],
+    out: Path,
+    task: str = "touch",
+    on_image: Callable[[], None] = lambda: None,
+    fps: int | None = None,
 ) -> dict[str, int]:
     """Write recordings as the episodes of one data set into a new or empty folder; return its episodes, frames and features.
 
-    task: what is done in them, in words. Wrenches are interpolated linearly at the times of the images. Raises `OutputError`,
-    `InputError` for recordings that cannot be episodes of one data set, and `RecordingUnreadable` for a damaged recording; the
-    folder is then as it was before.
+    task: what is done in them, in words. fps: frames per second of the data set, for each of which the nearest image is taken;
+    None takes all images, at the rate that the recordings have in common. Wrenches are interpolated linearly at the times of the
+    images. Raises `OutputError`, `InputError` for recordings that cannot be episodes of one data set, and `RecordingUnreadable`
+    for a damaged recording; the folder is then as it was before.
     """
     require_empty_folder(out)
     for recording in recordings:
         require_exportable([recording])
-    kind = _common_kind(recordings)
+    kind, rate_hz = _common_kind(recordings), _frames_per_second(recordings, fps)
     with create_folder_atomically(out) as folder:
         root = folder / "set"  # which LeRobot wants to create
         written = LeRobotDataset.create(
-            f"local/{out.name}", kind.fps, kind.features(), root, robot_type="ninedtact", use_videos=False
+            f"local/{out.name}", rate_hz, kind.features(), root, robot_type="ninedtact", use_videos=False
         )
         for recording in recordings:
-            for row in _rows(recording, kind):
-                written.add_frame(row | {"task": task})
+            stamps_ns = recording.stamps_ns(Topic.IMAGES)
+            times = _frames_of_images(stamps_ns, fps)
+            for row, number in zip(_rows(recording, kind, stamps_ns), times, strict=True):
+                for _ in range(number):
+                    written.add_frame(row | {"task": task})
                 on_image()
             written.save_episode()
         written.finalize()
@@ -60,7 +71,6 @@ class _EpisodeKind:
     image_shape: tuple[int, ...]
     wrenches: tuple[str, ...]
     """The features of the wrenches that the recording holds."""
-    fps: int
 
     @classmethod
     def of_recording(cls, recording: Recording) -> "_EpisodeKind":
@@ -69,12 +79,12 @@ class _EpisodeKind:
         wrenches = tuple(key for key, topic in topics.items() if len(recording.positions(topic)))
         first = next(recording.frames(), None)
         shape = (0, 0, 0) if first is None else first.image.shape
-        return cls(shape, wrenches, max(1, round(median_rate_hz(recording.stamps_ns(Topic.IMAGES)))))
+        return cls(shape, wrenches)
 
     def __str__(self) -> str:
         rows, cols, _ = self.image_shape
         wrenches = " and ".join(key.removeprefix("observation.") for key in self.wrenches) or "no wrench"
-        return f"{cols} x {rows} px at {self.fps} Hz and {wrenches}"
+        return f"{cols} x {rows} px and {wrenches}"
 
     def features(self) -> dict[str, Any]:
         """Return the features of the data set, without those that LeRobot adds."""
@@ -93,7 +103,7 @@ def _common_kind(recordings: Sequence[Recording]) -> _EpisodeKind:
     for recording, kind in zip(recordings, kinds, strict=True):
         if kind != kinds[0]:
             raise InputError(
-                expected="recordings with images of one size, at one rate and with the same wrenches",
+                expected="recordings with images of one size and with the same wrenches",
                 got=f"{recordings[0].path} with {kinds[0]} and {recording.path} with {kind}",
                 remedy="export them separately",
             )
@@ -102,8 +112,40 @@ def _common_kind(recordings: Sequence[Recording]) -> _EpisodeKind:
     return kinds[0]
 
 
-def _rows(recording: Recording, kind: _EpisodeKind) -> Iterator[dict[str, Any]]:
-    stamps_ns = recording.stamps_ns(Topic.IMAGES)
+def _frames_per_second(recordings: Sequence[Recording], fps: int | None) -> int:
+    """Return the rate of the data set, a whole number: `fps`, or the median of the recordings' rates.
+
+    Raises `InputError` where a recording has another rate and `fps` is None. One image has any rate.
+    """
+    if fps is not None:
+        if not 1 <= fps <= _MOST_FPS:
+            raise InputError(expected=f"1 to {_MOST_FPS} frames per second", got=f"{fps}", remedy="give another --fps")
+        return fps
+    stamps_ns = {recording.path: recording.stamps_ns(Topic.IMAGES) for recording in recordings}
+    rates_hz = {path: median_rate_hz(stamps) for path, stamps in stamps_ns.items() if len(stamps) > 1}
+    common_hz = float(np.median([*rates_hz.values()])) if rates_hz else median_rate_hz(np.empty(0, np.int64))
+    for path, rate_hz in rates_hz.items():
+        if abs(rate_hz - common_hz) > _RATE_TOLERANCE * common_hz:
+            raise InputError(
+                expected=f"recordings within {_RATE_TOLERANCE:.0%} of one rate, here {common_hz:.1f} Hz",
+                got=f"{path} at {rate_hz:.1f} Hz",
+                remedy="give the data set a rate with --fps, which takes the nearest images, or export it separately",
+            )
+    return max(1, round(common_hz))
+
+
+def _frames_of_images(stamps_ns: NDArray[np.int64], fps: int | None) -> NDArray[np.int64]:
+    """Return how many frames show each image: one, or as many of the times k / fps as are nearest to it."""
+    if fps is None:
+        return np.ones(len(stamps_ns), np.int64)
+    since_ns = stamps_ns - stamps_ns[0]
+    frames_ns = np.arange(int(since_ns.max() * fps * 1e-9 + 0.5) + 1) * (1e9 / fps)
+    order = np.argsort(since_ns, kind="stable")
+    ahead = np.searchsorted((since_ns[order][1:] + since_ns[order][:-1]) / 2, frames_ns)
+    return np.bincount(order[ahead], minlength=len(stamps_ns))
+
+
+def _rows(recording: Recording, kind: _EpisodeKind, stamps_ns: NDArray[np.int64]) -> Iterator[dict[str, Any]]:
     columns = {TIME: ((stamps_ns - stamps_ns[0]) / 1e9)[:, None]}
     if MEASURED in kind.wrenches:
         columns[MEASURED] = _wrenches_at(recording, Topic.MEASURED, stamps_ns)

@@ -117,15 +117,16 @@ class LivePlayback(FrameSourceWrapper):
     """Plays a recording from now on: each frame is delivered, and stamped, as long after the first as it was recorded after it.
 
     The stamps of the recording itself are too old to be shown live. Where the stamps run back (a recording that starts again) or
-    pause, the next frame follows after one period. The frames of a live source pass unchanged.
+    pause, the next frame follows after one period. The frames of a live source pass unchanged, and its notices are told.
     """
 
     def __init__(
         self, source: FrameSource, notify: Callable[[str], None] | None = None, keeps_times: bool = False
     ) -> None:
         """notify: receives a sentence, once, where images of a file are missing or damaged, which then ends as a whole one does;
-        without it, this is raised. keeps_times: frames that a slow computer delivers late keep their times, as a recording needs
-        them; otherwise what follows is delayed as much, so that a person sees what is as new as its stamp."""
+        without it, this is raised. It also receives the first notices of a live source. keeps_times: frames that a slow computer
+        delivers late keep their times, as a recording needs them; otherwise what follows is delayed as much, so that a person sees
+        what is as new as its stamp."""
         super().__init__(source)
         self._notify, self._has_notified = notify, False
         self._keeps_times = keeps_times
@@ -142,7 +143,11 @@ class LivePlayback(FrameSourceWrapper):
     def read(self) -> Frame:
         """Return the next frame when it is due."""
         if self._source.recorded_hz is None:
-            return self._read_source()
+            frame = self._read_source()
+            if self._notify is not None and not self._has_notified and (notices := self._source.notices):
+                self._has_notified = True
+                self._notify("; ".join(notices))
+            return frame
         frame = self._read_file()
         due_ns = self._due_ns(frame.stamp_ns)
         self._closing.wait((due_ns - time.monotonic_ns()) / 1e9)

@@ -138,6 +138,11 @@ class FrameSource(Openable):
         return ()
 
     @property
+    def notices(self) -> tuple[str, ...]:
+        """What the source had to correct since it was opened, as sentences; empty where there is nothing."""
+        return ()
+
+    @property
     def exposure(self) -> ExposureWithLimits | None:
         """The exposure of the open source; None where it has none that can be set."""
         return None
@@ -214,6 +219,7 @@ class FrameSourceWrapper(SourceWrapper[FrameSource], FrameSource):
     recorded_hz = _handed_on("recorded_hz")
     recording = _handed_on("recording")
     reference_frames = _handed_on("reference_frames")
+    notices = _handed_on("notices")
     exposure = _handed_on("exposure")
 
     def _read_source(self) -> Frame:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import cv2
 
+from ninedtact.capture.driver_stamps import DriverStamps
 from ninedtact.capture.frame_source import (
     DEFAULT_CAMERA,
     AddressedFrameSource,
@@ -36,7 +37,6 @@ from ninedtact.quantities import Frame
 
 _SILENCE_LIMIT_S = 2
 _DAMAGED_IN_A_ROW = 3
-_OLDEST_DRIVER_STAMP_NS = 10_000_000_000
 _EXPOSURE_STEPS_PER_MS = 10
 _MANUAL, _AUTOMATIC = (1.0, 2.0), (3.0, 0.0)
 _MOST_DIGITS = 9
@@ -85,6 +85,7 @@ class UvcCamera(AddressedFrameSource):
         self._opener, self._list_devices = opener, list_devices
         self._grabber: ThreadSafeVideoCapture | None = None
         self._device_path = Path()
+        self._stamps = DriverStamps(self.name)
 
     @classmethod
     def from_address(cls, address: str, settings: CameraSettings) -> "UvcCamera | None":
@@ -97,6 +98,11 @@ class UvcCamera(AddressedFrameSource):
     def current_settings(self) -> CameraSettings:
         """The settings that the open camera reports."""
         return self._open_grabber().query(_read_settings)
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What was wrong with the driver's stamps since the camera was opened and was corrected."""
+        return self._stamps.notices
 
     @property
     def exposure(self) -> ExposureWithLimits | None:
@@ -160,6 +166,14 @@ class UvcCamera(AddressedFrameSource):
             )
         return found[0]
 
+    def _stamp_ns(self, capture: VideoCaptureProtocol) -> int:
+        """Return when the image that was just read reached the driver, as far as the driver tells it.
+
+        A driver queues a few images: one that is read late was taken earlier, and its stamp must say so.
+        """
+        driver_ns = int(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+        return self._stamps.stamp_ns(driver_ns, time.monotonic_ns())
+
     def _start_in_best_format(self, device: int | str) -> ThreadSafeVideoCapture:
         """Return the camera, open; raises `CameraError`."""
         compressed = replace(self.settings, pixel_format=_COMPRESSED)
@@ -191,7 +205,8 @@ class UvcCamera(AddressedFrameSource):
             if not capture.isOpened():
                 raise _CameraDoesNotOpen(f"expected {self.name} to open, got {_open_failure(device)}")
             _apply_settings(settings, capture, self.name, _device_path(device))
-            grabber = ThreadSafeVideoCapture(self.name, capture, _arrival_ns)
+            self._stamps = DriverStamps(self.name)
+            grabber = ThreadSafeVideoCapture(self.name, capture, self._stamp_ns)
             first = _read_past_damaged_images(grabber)
             if first is None:
                 raise CameraError(
@@ -221,16 +236,6 @@ def _read_past_damaged_images(grabber: ThreadSafeVideoCapture) -> Frame | None:
         if frame is not None or time.monotonic() > give_up_at:
             return frame
     return None
-
-
-def _arrival_ns(capture: VideoCaptureProtocol) -> int:
-    """Return when the image reached the driver if the driver reports it on the monotonic clock, otherwise now.
-
-    A driver queues a few images: one that is read late was taken earlier, and its stamp must say so.
-    """
-    now = time.monotonic_ns()
-    driver = int(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-    return driver if 0 <= now - driver < _OLDEST_DRIVER_STAMP_NS else now
 
 
 @dataclass(frozen=True)

@@ -149,6 +149,9 @@ class Export:
     writes a file for the Rerun viewer: images, surfaces, wrenches with error bands."""
     task: str = "touch"
     """With `--to lerobot`: what is done in the recordings, in words."""
+    fps: int | None = None
+    """With `--to lerobot`: frames per second of the data set; the nearest images are taken. Otherwise all images are, and the
+    recordings must have one rate, within 5 %."""
     points_every: int = 4
     """With `--to rerun`: write the points of every so many rows and columns of the height map."""
     json: JsonOption = False
@@ -182,7 +185,9 @@ class Export:
             images = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
             with tqdm(total=images, unit="images", disable=True if self.json else None) as bar:
                 if self.to == "lerobot":
-                    written = _load_lerobot_exporter()(recordings, self.out, self.task, on_image=bar.update)
+                    written = _load_lerobot_exporter()(
+                        recordings, self.out, self.task, on_image=bar.update, fps=self.fps
+                    )
                 elif self.to == "rerun":
                     require_libraries("rerun", "rerun")
                     from ninedtact.interop.rerun import export_rerun

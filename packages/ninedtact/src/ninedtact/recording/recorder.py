@@ -289,7 +289,7 @@ class Recorder:
             yield
 
     def write(self, should_stop: Callable[[], bool]) -> None:
-        """Record until `should_stop` is true or the source ends, all that was read until then.
+        """Record until `should_stop` is true or the source ends, all that was read until then, and the notices of the camera.
 
         Raises what a live source raises, and `SourceIncomplete` for a damaged file, whose last images are then counted as dropped.
         """
@@ -299,10 +299,13 @@ class Recorder:
             for _ in range(self._images.waiting):  # what was read before the end, while writing was slow
                 self._write_arrivals()
         except SourceEnded:
-            return
+            pass
         except SourceIncomplete as damage:
             self.writer.count_dropped(damage.uncounted)
             raise
+        for notice in self.camera.notices:
+            self.notify(notice)
+            self.writer.write_event(RecordingEvent(monotonic_ns(), RecordingEventKind.REMARK, "camera", notice))
 
     def _write_arrivals(self) -> None:
         while self._samples is not None and (sample := self._samples.take()) is not None:
