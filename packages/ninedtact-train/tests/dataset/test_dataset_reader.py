@@ -2,6 +2,7 @@
 
 import doctest
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from little_sources import LittleTree
 
 import ninedtact_train.dataset
 from ninedtact.atomic_write import FileNotWritten
+from ninedtact.cli import main
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact_train.dataset.calibrated_readings import iterate_rows_with_references
@@ -45,6 +47,41 @@ def test_a_data_set_of_another_format_is_refused(folder: Path) -> None:
     pq.write_table(pq.read_table(first).replace_schema_metadata({}), first)
     with pytest.raises(FileFormatError, match=r"of format 2 .*got no format; make it again"):
         load_dataset(folder)
+
+
+OTHER_COLUMNS = {
+    "seven numbers": ("wrench", pa.array([[float("nan")] * 7] * 9, pa.list_(pa.float32(), 7))),
+    "seven in a list of any length": ("wrench", pa.array([[0.0] * 7] * 9, pa.list_(pa.float32()))),
+    "five": ("wrench", pa.array([[0.0] * 5] * 9, pa.list_(pa.float32(), 5))),
+    "texts as numbers": ("wrench", pa.array([["1"] * 6] * 9)),
+    "one number": ("wrench", pa.array([1.0] * 9)),
+    "numbers as texts": ("object", pa.array([1] * 9)),
+    "texts as steps": ("step", pa.array(["1"] * 9)),
+}
+
+
+@pytest.mark.parametrize("kind", OTHER_COLUMNS)
+def test_columns_of_another_type_are_refused(kind: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name, column = OTHER_COLUMNS[kind]
+    for file in (folder / "data").iterdir():
+        table = pq.read_table(file)
+        rows = pa.array(column.to_pylist()[:1] * len(table), column.type)
+        pq.write_table(table.set_column(table.schema.get_field_index(name), name, rows), file)
+    for command in ("show", "check"):
+        assert main(["dataset", command, str(folder)]) == 1
+        assert re.search("expected (six numbers|string|int32) in .*, got .*; build it again", capsys.readouterr().err)
+
+
+def test_texts_larger_than_memory_are_refused_unread(folder: Path) -> None:
+    first = min((folder / "data").iterdir())
+    table = pq.read_table(first).slice(0, 1)
+    table = pa.concat_tables([table] * 600)
+    table = table.set_column(table.schema.get_field_index("object"), "object", pa.array(["x" * 1_000_000] * 600))
+    pq.write_table(table, first, dictionary_pagesize_limit=10**8)
+    before = pa.total_allocated_bytes()
+    with pytest.raises(FileFormatError, match="texts of 600 MB, more than 500 MB"):
+        find_pair_files(folder)
+    assert pa.total_allocated_bytes() - before < 1e8
 
 
 def test_rows_are_those_of_the_files(folder: Path) -> None:

@@ -7,7 +7,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from threading import Thread
 
 import cv2
 import numpy as np
@@ -308,6 +310,24 @@ def test_a_driver_that_hangs_is_told_once(tmp_path: Path) -> None:
         with recorder.opened():
             recorder.write(lambda: time.monotonic() - began > 1.0)
     assert told == ["nothing has arrived from a camera that hangs for 0.3 s; check it and its cable"]
+
+
+@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+def test_a_camera_that_redirects_to_another_port_is_not_followed(status: int) -> None:
+    class Redirection(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(status)
+            self.send_header("Location", camera.url)
+            self.end_headers()
+
+        def log_message(self, *said: object) -> None: ...
+
+    with MjpegCamera() as camera, HTTPServer(("127.0.0.1", 0), Redirection) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}/stream.mjpg"
+        with pytest.raises(CameraError, match="where it redirects to another one, give that"), NetworkStream(url):
+            pass
+        server.shutdown()
 
 
 def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from ninedtact import Frame, Wrench
 from ninedtact.bounds_and_checked_reading import parse_toml
 from ninedtact.cli import main
 from ninedtact.errors import FileFormatError, NinedtactError
-from ninedtact.recording.export import _csv_cell
+from ninedtact.recording.export import csv_cell
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import RecordingEvent, RecordingEventKind, Topic, encode_image
@@ -148,7 +148,7 @@ def test_names_of_strangers_are_escaped_in_terminals_messages_and_tables(
         code, said = run(capsys, *words)
         assert code == 0 and not set(said) & set("\x1b\u202e\x9b")
     assert "\x1b" not in str(NinedtactError("expected a, got \x1b[2J; b"))
-    assert _csv_cell("=1+1") == "'=1+1" and _csv_cell(-1.5) == -1.5 and _csv_cell("ball") == "ball"
+    assert csv_cell("=1+1") == "'=1+1" and csv_cell(-1.5) == -1.5 and csv_cell("ball") == "ball"
     surrogates = RecordingMetadata("x", source="caf\udce9.mp4").to_mcap_metadata()
     assert surrogates["source"].encode().decode() == "caf\\udce9.mp4"
 

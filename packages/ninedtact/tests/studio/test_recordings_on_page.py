@@ -311,6 +311,28 @@ def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(t
             bench.recorder.begin_label("late")
 
 
+@pytest.mark.parametrize("harm", ["removed", "a folder", "cut", "moved"])
+@pytest.mark.parametrize("is_running", [True, False])
+def test_a_recording_whose_file_is_gone_is_not_said_to_be_recorded(harm: str, is_running: bool, tmp_path: Path) -> None:
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+    with bench.sensor:
+        path = bench.recorder.start()
+        bench.press([80])
+        if not is_running:
+            assert bench.recorder.stop().trouble == ""
+        if harm == "cut":
+            os.truncate(path, 100)
+        elif harm == "moved":
+            path.rename(tmp_path / "elsewhere.mcap")
+        else:
+            path.unlink()
+        if harm == "a folder":
+            path.mkdir()
+        bench.press([60])
+        state = bench.recorder.stop()
+    assert "was cut; record again" in state.trouble or "removed or cut; record again" in state.trouble
+
+
 def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> None:
     bench = Bench(tmp_path / "small", tmp_path / "out")
     with bench.sensor:

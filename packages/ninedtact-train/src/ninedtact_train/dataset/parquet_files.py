@@ -14,6 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from jaxtyping import Float32, UInt8
 from numpy import ndarray as Array
@@ -37,6 +38,8 @@ _ROWS_PER_GROUP = 100
 _READ_ERRORS = (pa.ArrowException, OSError, ValueError, MemoryError)
 """Exceptions that Arrow raises for a damaged file; text that is not UTF-8 is a `ValueError`."""
 _NO_WRENCH = [float("nan")] * 6
+_MOST_TEXT_BYTES = 500_000_000
+"""Largest size of the texts of a file once they are decoded; a dictionary of Parquet stores a text once for any number of rows."""
 
 
 def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
@@ -136,8 +139,11 @@ def read_columns(paths: Sequence[Path], columns: Sequence[str]) -> Any:
 
 
 def wrench_array(table: Any) -> Float32[Array, "n 6"]:
-    """Return the column `wrench` of an Arrow table, with NaN where a wrench is missing."""
+    """Return the column `wrench` of an Arrow table, with NaN where a wrench is missing; raises `FileFormatError`."""
     column = table["wrench"].combine_chunks()
+    lengths = pc.list_value_length(column).drop_null().to_numpy(zero_copy_only=False)
+    if (lengths != len(_NO_WRENCH)).any():
+        raise _wrong_length(lengths[lengths != len(_NO_WRENCH)][0])
     if column.null_count == 0:
         values = column.flatten().to_numpy(zero_copy_only=False)
     else:
@@ -146,19 +152,51 @@ def wrench_array(table: Any) -> Float32[Array, "n 6"]:
 
 
 def decode_stored_wrench(value: Any) -> Float32[Array, "6"]:
-    """Return the wrench of one row, NaN where it is missing."""
+    """Return the wrench of one row, NaN where it is missing; raises `FileFormatError`."""
     numbers = [float("nan") if number is None else number for number in (value or _NO_WRENCH)]
+    if len(numbers) != len(_NO_WRENCH):
+        raise _wrong_length(len(numbers))
     return np.asarray(numbers, np.float32)
 
 
+def _wrong_length(numbers: int) -> FileFormatError:
+    return FileFormatError(
+        expected="six numbers in each wrench of the data set",
+        got=f"{numbers}",
+        remedy="build it again from its sources",
+    )
+
+
 def open_parquet_file(path: Path) -> Any:
-    """Open a Parquet file; raises `FileFormatError`."""
+    """Open a Parquet file whose texts fit in memory; raises `FileFormatError`."""
     try:
         if not path.is_file():
             raise OSError("no such file" if not path.exists() else "a folder, a pipe or a device and not a file")
-        return pq.ParquetFile(path, page_checksum_verification=True)
+        file = pq.ParquetFile(path, page_checksum_verification=True)
+        if file.metadata.num_rows > path.stat().st_size:
+            raise ValueError(f"{file.metadata.num_rows} rows in {path.stat().st_size} bytes")
+        if (size := _decoded_text_bytes(path, file.metadata)) > _MOST_TEXT_BYTES:
+            raise ValueError(f"texts of {size / 1e6:.0f} MB, more than {_MOST_TEXT_BYTES / 1e6:.0f} MB")
+        return file
     except _READ_ERRORS as error:
         raise _parquet_damage(path, error) from error
+
+
+def _decoded_text_bytes(path: Path, metadata: Any) -> int:
+    """Return the size of those decoded texts of a file that can be large, without decoding them."""
+    size = 0
+    for group in range(metadata.num_row_groups):
+        columns = metadata.row_group(group)
+        for number in range(metadata.num_columns):
+            column = columns.column(number)
+            is_text = column.physical_type == "BYTE_ARRAY" and "." not in column.path_in_schema
+            if is_text and column.has_dictionary_page and column.total_uncompressed_size * column.num_values > 1e7:
+                name = column.path_in_schema
+                read = pq.ParquetFile(path, read_dictionary=[name]).read_row_group(group, columns=[name])
+                for chunk in read[name].chunks:
+                    lengths = pc.binary_length(chunk.dictionary).cast(pa.int64())
+                    size += pc.sum(lengths.take(chunk.indices)).as_py() or 0
+    return size
 
 
 def require_pair_columns(path: Path) -> None:
@@ -178,6 +216,28 @@ def require_pair_columns(path: Path) -> None:
             got=f"no column {missing[0]}",
             remedy="give the folder of a data set of pairs",
         )
+    for column in PAIR_COLUMNS:
+        found_type = schema.field(column.name).type
+        if not _holds_kind(found_type, column.kind):
+            raise FileFormatError(
+                expected=f"{'six numbers' if column.kind == 'wrench' else column.kind} in the column {column.name} of {path}",
+                got=f"{found_type}",
+                remedy="build it again from its sources",
+            )
+
+
+def _holds_kind(found: pa.DataType, kind: str) -> bool:
+    """Return whether a type of Arrow holds the values of a column's kind, also as other writers store them."""
+    if kind == "wrench":
+        is_list = pa.types.is_list(found) or pa.types.is_large_list(found) or pa.types.is_fixed_size_list(found)
+        size = getattr(found, "list_size", len(_NO_WRENCH))
+        return is_list and size == len(_NO_WRENCH) and pa.types.is_floating(found.value_type)
+    if pa.types.is_null(found) or kind == "image":
+        return True
+    if kind == "string":
+        stored = found.value_type if pa.types.is_dictionary(found) else found
+        return bool(pa.types.is_string(stored) or pa.types.is_large_string(stored))
+    return bool(pa.types.is_integer(found) if kind.startswith("int") else pa.types.is_floating(found))
 
 
 def _parquet_damage(path: Path, error: Exception) -> FileFormatError:

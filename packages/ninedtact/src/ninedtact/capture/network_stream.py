@@ -1,5 +1,6 @@
 """Camera backend for the network: MJPEG over HTTP, or RTSP, decoded by OpenCV's FFmpeg."""
 
+import os
 from urllib.parse import urlsplit
 
 import cv2
@@ -9,6 +10,8 @@ from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture, silen
 from ninedtact.errors import CameraError, InputError
 from ninedtact.quantities import Frame
 
+_FFMPEG_OPTIONS = "rtsp_transport;tcp|max_redirects;0"
+"""OpenCV's own choice of transport, and no redirects: a camera could send its reader to another service of this computer."""
 _SCHEMES = ("http", "https", "rtsp", "rtsps", "rtmp", "tcp", "udp")
 
 
@@ -49,13 +52,14 @@ class NetworkStream(AddressedFrameSource):
         if self._grabber is not None:
             return
         silence_video_libraries()
+        os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", _FFMPEG_OPTIONS)
         grabber = ThreadSafeVideoCapture(self.name, cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, self._timeouts))
         if grabber.read() is None:
             grabber.release()
             raise CameraError(
                 expected=f"a video stream at {self.name}",
                 got="none",
-                remedy="check the address, and open it in a browser or VLC",
+                remedy="check the address in a browser or VLC; where it redirects to another one, give that",
             )
         grabber.next_index = 0
         self._grabber = grabber

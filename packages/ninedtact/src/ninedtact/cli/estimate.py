@@ -178,11 +178,12 @@ def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     from io import StringIO
 
     from ninedtact.atomic_write import write_file_atomically
+    from ninedtact.recording.export import csv_cell
 
     text = StringIO()
     table = csv.DictWriter(text, ["image", "time_ns", "touching", *COLUMNS, "warnings"])
     table.writeheader()
-    table.writerows({**row, "warnings": "; ".join(row["warnings"])} for row in rows)
+    table.writerows({**row, "image": csv_cell(row["image"]), "warnings": "; ".join(row["warnings"])} for row in rows)
     write_file_atomically(path, text.getvalue().encode())
 
 

@@ -146,7 +146,7 @@ class _Recording:
 
     def __init__(self, path: Path, writers: list[RecordingWriter], on_growth: Callable[[int], None]) -> None:
         self.path, self._writers, self._on_growth = path, writers, on_growth
-        self.is_running, self._trouble = True, ""
+        self.is_running, self._trouble, self._written_bytes = True, "", 0
         self._items: Queue[tuple[Reading | Wrench | LabelledSpan, int] | None] = Queue()
         self._room = Semaphore(_WAITING_READINGS * len(writers))
         self._label: tuple[str, int] | None = None
@@ -159,17 +159,25 @@ class _Recording:
 
     def state(self) -> RecorderState:
         written, label = self._writers[0].written, self._label
+        size = self.path.stat().st_size if self.path.is_file() else 0
         return RecorderState(
             self.path,
             self.is_running,
             (monotonic() if self.is_running else self._ended_s) - self._began_s,
-            self.path.stat().st_size if self.path.exists() else 0,
+            size,
             written[Topic.IMAGES],
             sum(writer.dropped for writer in self._writers),
             None if label is None else label[0],
             written[Topic.SPANS],
-            self._trouble,
+            self._trouble or self._loss(size),
         )
+
+    def _loss(self, size: int) -> str:
+        """Return what is said where less is there than was written; nothing while it is written."""
+        if self.is_running or size >= self._written_bytes:
+            return ""
+        expected = f"the {self._written_bytes} bytes that were recorded to {self.path}"
+        return f"expected {expected}, got {size}: the file was removed or cut; record again"
 
     def add(self, item: Reading | Wrench, number: int) -> None:
         """Queue an item, unless the recording is over, or it is a reading and too many wait."""
@@ -201,6 +209,7 @@ class _Recording:
                     self._write_labels()
         except Exception as error:  # everybody is told, and the sensor goes on
             self._trouble = "; ".join([str(error), *self._kept])
+        self._written_bytes = self._writers[0].file_bytes
         self._ended_s, self.is_running = monotonic(), False
 
     def _write(self, item: Reading | Wrench | LabelledSpan, number: int) -> None:
@@ -211,7 +220,7 @@ class _Recording:
             self._writers[number].write_measured(item)
         else:
             self._writers[number].write_span(item)
-        size = self.path.stat().st_size
+        size = self._writers[0].file_bytes
         grown, self._counted_bytes = size - self._counted_bytes, size
         self._on_growth(grown)
 

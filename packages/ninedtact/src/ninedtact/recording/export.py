@@ -154,13 +154,13 @@ def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:
 
 def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:
     all_rows, text = list(rows), StringIO()
-    csv.writer(text).writerows([list(header), *(map(_csv_cell, row) for row in all_rows)])
+    csv.writer(text).writerows([list(header), *(map(csv_cell, row) for row in all_rows)])
     if all_rows:
         write_file_atomically(path, text.getvalue().encode())
     return len(all_rows)
 
 
-def _csv_cell(value: Any) -> Any:
+def csv_cell(value: Any) -> Any:
     """Return a value for a table; text that a spreadsheet would compute as a formula gets an apostrophe before it."""
     if not isinstance(value, str):
         return value

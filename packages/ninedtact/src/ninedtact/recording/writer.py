@@ -119,6 +119,11 @@ class RecordingWriter:
         opened.flushed_at = monotonic()
         return self
 
+    @property
+    def file_bytes(self) -> int:
+        """Number of bytes that were written to the file, by the writers of all its sensors."""
+        return self._open_file.records.tell()
+
     def write_reading(self, reading: Reading) -> None:
         """Write a reading: its reference image where that is a new one, its image, and what `write_measurements` writes."""
         if reading.reference is not self._reference:
@@ -322,6 +327,10 @@ class _RecordFile:
     def write(self, records: bytes) -> int:
         """Append whole records, or none of them; raises `RecordingStopped`."""
         left = memoryview(records)
+        if os.fstat(self._file).st_size < self._end:
+            raise RecordingStopped(
+                expected=f"to continue writing {self.path}", got="a file that was cut", remedy="record again"
+            )
         try:
             while left:
                 left = left[os.write(self._file, left) :]

@@ -5,6 +5,7 @@ is visible from below there is no object. Of an object wider than `KEPT_MM`, onl
 """
 
 import logging
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -189,17 +190,38 @@ def _is_closed(vertices: Vertices, faces: Faces) -> bool:
 
 MESH_FILE_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".3mf")
 MOST_MB = 500
+_PLAIN_BYTES, _PLAIN_PARTS = 1_000_000, 20
+"""Largest size, and most bodies and materials, of an STL or OBJ file that is read in the program's own process."""
+_PART_OF_OBJ = re.compile(rb"\b(?:usemtl|mtllib|[og])\b")
 
 
 def load_mesh_object(path: Path, placing: MeshPlacement = MeshPlacement()) -> MeshObject:
-    """Return the object in a mesh file, read in a process of its own; raises `MeshUnusable` and `MissingLibraryError`."""
+    """Return the object in a mesh file; raises `MeshUnusable` and `MissingLibraryError`.
+
+    All but small plain files are read in a process of their own, whose start takes about a second.
+    """
     _require_mesh_file(path)
+    if _is_small_and_plain(path):
+        return _load_mesh_object(path, placing)
     try:
         return run_limited(_load_mesh_object, path, placing, file_bytes=path.stat().st_size)
     except FileTooCostly as error:
         raise MeshUnusable(
             expected=f"a mesh in {path}", got="a file that takes too long or too much memory", remedy="simplify it"
         ) from error
+
+
+def _is_small_and_plain(path: Path) -> bool:
+    """Return whether reading a file takes time and memory in proportion to its small size: no count in it is only stated.
+
+    The time per body or material of an OBJ file grows with their number, and so does that of bodies in an STL file of text.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (".obj", ".stl") or path.stat().st_size > _PLAIN_BYTES:
+        return False
+    content = path.read_bytes()
+    parts = content.count(b"solid") if suffix == ".stl" else len(_PART_OF_OBJ.findall(content))
+    return parts <= _PLAIN_PARTS
 
 
 def _load_mesh_object(path: Path, placing: MeshPlacement) -> MeshObject:
