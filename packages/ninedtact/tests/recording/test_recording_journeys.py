@@ -30,7 +30,7 @@ from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import (
@@ -374,6 +374,28 @@ def test_a_program_records_heights_and_estimates_and_reads_them_again(sensor: Pa
 
 class Corrected(SimulatedCamera):
     notices = ("the driver of camera 0 stamps images 0.9 s too early, which is taken out", "another")  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("skipped", [0, 10, 20])
+def test_a_recording_of_a_twin_may_begin_at_any_moment_of_a_press(skipped: int, sensor: Path, tmp_path: Path) -> None:
+    """A loaded computer misses the first images; heights are those of the same images against the untouched skin."""
+
+    class Late(SimulatedCamera):
+        def open(self) -> None:
+            super().open()
+            for _ in range(skipped):
+                self.read()
+
+    path, folder = tmp_path / "press.mcap", load_sensor(sensor)
+    camera = Late(small_press_simulation(rounds=2))
+    record(camera, path, folder, heights=True)
+    truth = folder.shape.depth_reader(*camera.reference_frames)
+    with Recording(path) as recording:
+        heights, readings = dict(recording.heights()), list(recording.readings())
+    for reading in readings:
+        wanted = read_frame(reading.frame, folder.shape, truth).height
+        for got in (heights[reading.frame.index], reading.height.z_mm):
+            np.testing.assert_allclose(got[wanted.in_view], wanted.z_mm[wanted.in_view], atol=1e-5)
 
 
 def test_what_a_camera_had_to_correct_is_said_and_kept_in_the_file(sensor: Path, tmp_path: Path) -> None:

@@ -417,14 +417,14 @@ class RecordedReferences:
         return self._shape.depth_reader(*frames, find_faults=self._find_faults)
 
     def _frames_at(self, number: int) -> list[Frame]:
-        frames = [self.recording.frame(self._positions[number])]
+        frames = {number: self.recording.frame(self._positions[number])}
         for numbers in (range(number - 1, -1, -1), range(number + 1, len(self._positions))):
             for other in numbers:
                 frame = self.recording.frame(self._positions[other])
-                if frame.index != frames[0].index:
+                if frame.index != frames[number].index:
                     break
-                frames.append(frame)
-        return frames
+                frames[other] = frame
+        return [frames[other] for other in sorted(frames)]
 
     def _read(self, number: int) -> DepthReader:
         if self.topic is not Topic.REFERENCE_GREY:

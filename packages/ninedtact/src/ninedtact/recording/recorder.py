@@ -1,6 +1,6 @@
 """Records a sensor: reads its sources in the background, so that slow writing delays no source, and counts lost items."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
@@ -53,7 +53,8 @@ def record(
 
     `record_several` records several sensors into one file. source: opened and closed here. sensor: its folder is attached to the
     file. force_torque: its wrenches are written as measured. heights and estimator: also write heights (mm) and estimated
-    wrenches; the first ten frames are then taken as reference images (no contact), and compared with those of the calibration.
+    wrenches; the first ten frames are then taken as reference images (no contact), and compared with those of the calibration. A
+    twin brings reference images of its own, which are written too.
     settings: stored in the file, JSON. images: how images are stored, always without loss. height_step_mm: quantisation step of
     heights in 16 bits; 0 for 32-bit floating point. camera_delay_ms: is subtracted from the arrival times of the images. notify:
     called with every fault of the reference, a step of the clock and, after an error, what the file keeps: sentences.
@@ -165,7 +166,13 @@ def _new_recorder(
     if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults
         estimates = EstimateRecorder(sensor.shape, part.estimator, heights, find_faults, notify)
-    topics = {Topic.IMAGES, *(estimates.topics if estimates else ()), *([Topic.MEASURED] if force_torque else ())}
+    references = [Topic.REFERENCE] if part.source.reference_frames else []
+    topics = {
+        Topic.IMAGES,
+        *references,
+        *(estimates.topics if estimates else ()),
+        *([Topic.MEASURED] if force_torque else ()),
+    }
     metadata = replace(
         stored,
         source=part.source.name,
@@ -215,7 +222,10 @@ def notify_partial_recording(path: Path, notify: Callable[[str], None]) -> Itera
 
 @dataclass
 class EstimateRecorder:
-    """Computes heights and wrenches of frames, against the reference of the first ten, and writes them beside the images."""
+    """Computes heights and wrenches of frames and writes them beside the images.
+
+    The reference is that of the images that the source brings, as a twin does, otherwise that of the first ten.
+    """
 
     shape: CalibratedShape
     estimator: ForceEstimator = field(default_factory=NoForceEstimator)
@@ -240,13 +250,17 @@ class EstimateRecorder:
                 remedy="record longer",
             )
 
-    def write(self, frame: Frame, writer: RecordingWriter) -> None:
-        """Write heights and estimate of a frame, and of the first frames once the reference is known."""
+    def write(self, frame: Frame, writer: RecordingWriter, brought: Sequence[Frame] = ()) -> None:
+        """Write heights and estimate of a frame, and of the first frames once the reference is known.
+
+        brought: reference images that the source brings.
+        """
         self._first.append(frame)
         if self._depth_reader is None:
-            if len(self._first) < REFERENCE_FRAMES:
+            references = brought or self._first
+            if len(references) < REFERENCE_FRAMES:
                 return
-            self._depth_reader = self.shape.depth_reader(*self._first, find_faults=self.find_reference_faults)
+            self._depth_reader = self.shape.depth_reader(*references, find_faults=self.find_reference_faults)
             for fault in self._depth_reader.reference_faults:
                 remark = RecordingEvent(frame.stamp_ns, RecordingEventKind.REMARK, "reference image", fault)
                 writer.write_event(remark)
@@ -312,6 +326,10 @@ class Recorder:
             self.writer.write_measured(sample.item)
         arrival = self._images.take(_WAIT_S)
         if arrival is not None:
-            self.writer.write_image(arrival.item)
+            frame, brought = arrival.item, self.camera.reference_frames
+            if not self.writer.written[Topic.IMAGES]:
+                for reference in brought:
+                    self.writer.write_reference(replace(reference, stamp_ns=frame.stamp_ns), tare=0)
+            self.writer.write_image(frame)
             if self.estimates is not None:
-                self.estimates.write(arrival.item, self.writer)
+                self.estimates.write(frame, self.writer, brought)
