@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -118,6 +119,15 @@ def test_what_are_not_these_weights_is_refused(weights: Path, tmp_path: Path) ->
     torch.save([1, 2, 3], tmp_path / "list.pt")
     told(tmp_path / "list.pt")
     told(tmp_path / "none.pt")
+
+
+def test_an_archive_that_grows_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    torch.save({"classifier.weight": torch.zeros(5_000_000)}, tmp_path / "zeros.pt")
+    with ZipFile(tmp_path / "zeros.pt") as whole, ZipFile(tmp_path / "small.pt", "w", ZIP_DEFLATED) as small:
+        for entry in whole.infolist():
+            small.writestr(entry.filename, whole.read(entry))
+    assert (tmp_path / "small.pt").stat().st_size < 100_000
+    assert "larger than the file" in told(tmp_path / "small.pt")
 
 
 def told(path: Path) -> str:

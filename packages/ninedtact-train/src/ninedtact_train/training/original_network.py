@@ -25,6 +25,7 @@ from ninedtact.reading import Reading
 from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.evaluation.evaluation import PUBLISHED_SCORES_AT_SKIN
 from ninedtact_train.training.networks import DenseNet
+from ninedtact_train.training.weights_file import load_weights
 
 NETWORK = "densenet169"
 WRENCH_MIN, WRENCH_MAX = wrench_limits()
@@ -72,7 +73,7 @@ def read_original_network(path: Path | str, contact_test: ContactTest = detect_c
     """
     network = DenseNet(NETWORK, InputChannels.MIXED.number, 6)
     try:
-        network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True), strict=True)
+        network.load_state_dict(load_weights(path), strict=True)
     except Exception as trouble:  # torch raises many kinds of error for damaged and for other files
         reason = " ".join(str(trouble).split())[:300]
         raise FileFormatError(

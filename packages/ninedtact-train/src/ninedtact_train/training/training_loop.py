@@ -38,6 +38,7 @@ from ninedtact_train.training.examples import (
 )
 from ninedtact_train.training.networks import LabelScale, WrenchNetwork
 from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
+from ninedtact_train.training.weights_file import load_weights
 
 MONITORED_METRIC = "val_loss"
 """Metric by which the best epoch is chosen: the mean absolute error on held-out pairs, in units of the labels."""
@@ -284,7 +285,7 @@ def _subnormal_numbers_as_zero() -> Iterator[None]:
 def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint, plain values and weights alone, without running code in it; raises `FileFormatError`."""
     try:
-        return dict(torch.load(path, map_location="cpu", weights_only=True))
+        return dict(load_weights(path))
     except Exception as trouble:  # torch raises many kinds of error for a damaged file
         reason = (str(trouble).splitlines() or [""])[0]
         raise FileFormatError(
