@@ -3,7 +3,6 @@
 import codecs
 import sys
 import unicodedata
-from typing import TextIO
 
 _ERRORS = "ninedtact.plain_text"
 _SPELLED = {
@@ -50,6 +49,6 @@ def spell_what_outputs_cannot_print() -> None:
             reconfigure(errors=_ERRORS)
 
 
-def prints_unicode(stream: TextIO) -> bool:
+def prints_unicode(stream: object) -> bool:
     """Return whether a stream prints every character as it is."""
     return (getattr(stream, "encoding", None) or "utf-8").lower().replace("-", "").startswith("utf")
