@@ -12,7 +12,12 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 from scipy.interpolate import PchipInterpolator
 
-from ninedtact.calibration.twin.fit_parameters import BASE_INDEX, NEARLY_RIGID, parameter_bounds
+from ninedtact.calibration.twin.fit_parameters import (
+    BASE_INDEX,
+    NEARLY_RIGID,
+    effective_observation_count,
+    parameter_bounds,
+)
 from ninedtact.calibration.twin.press_search import (
     BallPressProblem,
     JointPressProblem,
@@ -69,7 +74,7 @@ class _BaseProfile:
     ratios: tuple[float, ...]
     vectors: tuple[ParameterVector, ...]
     chi_square: tuple[float, ...]
-    """Sums of squares, prior terms included, in units of the square of an independent observation's residual."""
+    """Sums of squares over the square of an independent observation's residual at the best fit, and those of the prior terms."""
 
     def parameters_at(self, ratio: float) -> ParameterVector:
         """Return the best parameters with a base, by linear interpolation."""
@@ -94,7 +99,8 @@ def estimate_base(
     problem: JointPressProblem, start: ParameterVector, prior_terms: PriorTerms
 ) -> tuple[KnownBase, ParameterVector]:
     """Return what the images and the priors say of the base, and the best parameters with it, from a start near by."""
-    vector, chi_square = start, list[float]()
+    vector, squares, prior_squares = start, list[float](), list[float]()
+    best_residual = np.zeros(0)
     ratios, vectors, jacobian = list[float](), list[ParameterVector](), None
     bounds = parameter_bounds(len(problem.presses))
     for ratio in _HELD_BASES:
@@ -102,13 +108,21 @@ def estimate_base(
             share = (ratio - ratios[-1]) / (ratios[-1] - ratios[-2])
             vector = np.clip(vectors[-1] + share * (vectors[-1] - vectors[-2]), *bounds)
         problem, vector, jacobian = _fit_with_base(problem, vector, prior_terms, ratio, jacobian)
-        squares = np.sum(problem.fit_linear_terms(vector)[1] ** 2) + np.sum(prior_terms.residual(vector) ** 2)
+        residual = problem.fit_linear_terms(vector)[1]
         ratios.append(ratio)
         vectors.append(vector)
-        chi_square.append(float(squares) / prior_terms.grey_levels_per_std**2)
-        if chi_square[-1] > min(chi_square) + _EXCLUDED_CHI_SQUARE:
+        squares.append(float(residual @ residual))
+        prior_squares.append(float(np.sum(prior_terms.residual(vector) ** 2)) / prior_terms.grey_levels_per_std**2)
+        if squares[-1] == min(squares):
+            best_residual = residual
+        if squares[-1] > min(squares) + _EXCLUDED_CHI_SQUARE * prior_terms.grey_levels_per_std**2:
             break
-    profile = _BaseProfile(tuple(ratios), tuple(vectors), tuple(chi_square))
+    observations = sum(
+        effective_observation_count(one.observed.image(best_residual[rows]))
+        for one, rows in zip(problem.presses, problem.rows, strict=True)
+    )
+    chi_square = np.array(squares) / (min(squares) / observations) + np.array(prior_squares)
+    profile = _BaseProfile(tuple(ratios), tuple(vectors), tuple(chi_square.tolist()))
     mean, std = profile.posterior()
     # A difference over what is not known of the base says more than a derivative, because the fit is far from linear in it.
     reach = float(np.hypot(std, MODULUS_RATIO_MODEL_STD))
