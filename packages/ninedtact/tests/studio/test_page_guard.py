@@ -123,7 +123,7 @@ def test_on_a_network_the_address_has_a_secret() -> None:
 UPDATE = {"type": "GuiUpdateMessage", "uuid": "u"}
 HANDLE = {"type": "TransformControlsUpdateMessage", "name": "/handle", "owner": "1", "position": (1.5, 0.0, 6.0)}
 START = {"type": "FileTransferStartUpload", "source_component_uuid": "b", "transfer_uuid": "t", "filename": "a.stl"}
-START |= {"mime_type": "model/stl", "part_count": 2, "size_bytes": 9}
+START |= {"mime_type": "model/stl", "part_count": 2, "size_bytes": PART_BYTES + 3}
 PART = {"type": "FileTransferPart", "source_component_uuid": "b", "transfer_uuid": "t", "part_index": 0, "content": b""}
 CLICK = {"type": "ScenePointerMessage", "event_type": "click", "ray_origin": (0.0, 0.0, 1.0), "modifier": "shift"}
 CLICK |= {"ray_direction": (0.0, 0.0, -1.0), "screen_pos": [(0.5, 0.5)]}
@@ -160,9 +160,15 @@ def test_only_what_the_controls_of_a_page_send_is_passed_on_and_one_file_at_a_ti
     assert [junk for junk in ("text", b"", b"\xc1", b"\x91" * 50_000) if decode_page_message(junk) is not None] == []
     test = UploadTest()
     other = {"transfer_uuid": "other"}
-    sent = (PART, START, START | other, PART | other, PART, START | other, PART, PART, START | other, CLICK)
+    first, last = PART | {"content": b"x" * PART_BYTES}, PART | {"part_index": 1, "content": b"xyz"}
+    sent = (first, START, START | other, first | other, first, START | other, last, last, START | other, CLICK)
     taken = [test.accepts(decode_page_message(encode(one))) for one in sent]
     assert taken == [False, True, False, False, True, False, True, False, True, True]
+    of_another_size = (START | {"size_bytes": 9}, START, last, PART, first, PART | {"part_index": 1})
+    test = UploadTest()
+    assert [test.accepts(decode_page_message(encode(one))) for one in of_another_size] == [
+        *(False, True, False, False, True, False)
+    ]
 
 
 def test_junk_is_dropped_in_one_line_and_disturbs_nobody(
