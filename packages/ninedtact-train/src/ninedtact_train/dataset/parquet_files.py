@@ -143,7 +143,7 @@ def wrench_array(table: Any) -> Float32[Array, "n 6"]:
     column = table["wrench"].combine_chunks()
     lengths = pc.list_value_length(column).drop_null().to_numpy(zero_copy_only=False)
     if (lengths != len(_NO_WRENCH)).any():
-        raise _wrong_length(lengths[lengths != len(_NO_WRENCH)][0])
+        raise _wrong_length(int(lengths[lengths != len(_NO_WRENCH)][0]))
     if column.null_count == 0:
         values = column.flatten().to_numpy(zero_copy_only=False)
     else:
