@@ -135,7 +135,7 @@ def test_first_guesses_save_iterations_and_contacts_do_not_depend_on_those_solve
 
 def test_the_drawn_press_is_found(fit: TwinBallFit) -> None:
     twin = fit.twin_fit
-    np.testing.assert_allclose(twin.press.vector[:3], PRESS.vector[:3], atol=0.02)
+    np.testing.assert_allclose(twin.press.vector[:3], PRESS.vector[:3], atol=0.03)
     assert twin.press.drag_mm == pytest.approx(PRESS.drag_mm, abs=0.06), "which follows the base"
     assert twin.press.point_spread_mm == pytest.approx(np.hypot(0.5, 1.5 * MM_PER_PX), abs=0.05)
     assert fit.press.circle.centre_px == pytest.approx((0.6 / MM_PER_PX + 63.5, -0.4 / MM_PER_PX + 47.5), abs=0.05)
