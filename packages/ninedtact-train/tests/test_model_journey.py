@@ -68,9 +68,10 @@ def test_physics_is_evaluated_on_the_same_pairs_by_the_sensors_that_were_calibra
     found = evaluated("--data", data, "--workers", "1", "--out", report)
     assert found["pairs"] == 20 and found["skill"][2] > 0.4 and found["no_contact"]["largest_force_n"] == 0
     by_physics = read_force_model(made / "model.onnx").card.evaluation["all, by physics"]
-    assert by_physics["skill"][2] > 0.8 and by_physics["skill"] != found["skill"], (
-        "with the modulus that known loads tell"
+    assert min(found["skill"][2], by_physics["skill"][2]) > 0.7, (
+        "with the assumed modulus, and with that of known loads"
     )
+    assert by_physics["skill"] != found["skill"]
     again = evaluated("--predictions", report / "predictions.csv", "--trust-units")
     assert again["skill"] == pytest.approx(found["skill"])
     assert main(["evaluate", "--data", str(data), "--predictions", "some.csv"]) == 1

@@ -13,13 +13,13 @@ from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
 from ninedtact.calibration.board.detection import lattice_to_skin_mm
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
-from ninedtact.calibration.twin.base_search import KnownBase
 from ninedtact.calibration.twin.fit_parameters import (
     PARAMETER_NAMES,
     FitUncertainty,
     effective_observation_count,
     parameter_covariance,
 )
+from ninedtact.calibration.twin.gel_base import KnownBase
 from ninedtact.calibration.twin.lens_refinement import (
     appearing_imprints_mm,
 )
@@ -57,11 +57,11 @@ def problem_of(after: Rectified) -> BallPressProblem:
 @pytest.fixture(scope="module")
 def change() -> np.ndarray:
     """The change of brightness of every pixel, drawn through lines of sight and point spread."""
-    contact = problem_of(UNTOUCHED).model.contact(PRESS)
+    model = BallPressModel(DESIGN)
+    contact = model.contact(PRESS)
     sightlines = SightlineGrid(X_MM, Y_MM, PRESS.inverse_distance_per_mm)
     height_mm, thicker_mm = (np.asarray(mm, np.float32) for mm in (contact.height_mm, contact.thickness_change_mm))
-    patch = BallPressModel(DESIGN, COARSE_PITCH_MM).patch
-    seen_mm = sightlines.sample(patch, PRESS.centre_mm, height_mm, thicker_mm)
+    seen_mm = sightlines.sample(model.patch, PRESS.centre_mm, height_mm, thicker_mm)
     return ndimage.gaussian_filter(LIGHT.brightness_change(seen_mm), PRESS.point_spread_mm / MM_PER_PX)
 
 
@@ -87,8 +87,8 @@ def model() -> BallPressModel:
 
 @pytest.fixture(scope="module")
 def fit(press: BallPress) -> TwinBallFit:
-    """The fit by physics from the drawn press on."""
-    return fit_ball_by_physics(press, DESIGN, (), (PRESS,))
+    """The fit by physics from the drawn press on, with its base."""
+    return fit_ball_by_physics(press, DESIGN, (), (PRESS,), base=KnownBase(PRESS.gel_to_base_modulus_ratio))
 
 
 def as_drawn(problem: BallPressProblem, press: BallPressParameters = PRESS, loss: float = -0.05) -> TwinFit:
@@ -133,9 +133,16 @@ def test_first_guesses_save_iterations_and_contacts_do_not_depend_on_those_solve
     np.testing.assert_allclose(guessed.height_mm, alone.height_mm, atol=1.5e-3)
 
 
+def test_the_base_is_found_between_those_that_are_tried(press: BallPress) -> None:
+    twin = fit_ball_by_physics(press, DESIGN, (), (PRESS,)).twin_fit
+    assert twin.base.modulus_ratio == pytest.approx(PRESS.gel_to_base_modulus_ratio, abs=0.03)
+    assert twin.press.depth_mm == pytest.approx(PRESS.depth_mm, abs=0.03)
+    assert 0.02 < twin.uncertainty.standard_deviations["depth_mm"] < 0.06
+
+
 def test_the_drawn_press_is_found(fit: TwinBallFit) -> None:
     twin = fit.twin_fit
-    np.testing.assert_allclose(twin.press.vector[:3], PRESS.vector[:3], atol=0.03)
+    np.testing.assert_allclose(twin.press.vector[:3], PRESS.vector[:3], atol=0.02)
     assert twin.press.drag_mm == pytest.approx(PRESS.drag_mm, abs=0.06), "which follows the base"
     assert twin.press.point_spread_mm == pytest.approx(np.hypot(0.5, 1.5 * MM_PER_PX), abs=0.05)
     assert fit.press.circle.centre_px == pytest.approx((0.6 / MM_PER_PX + 63.5, -0.4 / MM_PER_PX + 47.5), abs=0.05)

@@ -186,12 +186,12 @@ def test_a_camera_that_is_lost_ends_the_measurement_with_the_light_off(tmp_path:
 def test_settings_are_printed_as_the_camera_reports_them() -> None:
     fixed = CameraSettings(exposure_ms=8.3, gain=0, white_balance_k=4600)
     assert describe_camera_settings(fixed) == (
-        "exposure 8.3 ms, fixed; gain 0; white balance 4600 K, fixed; no autofocus"
+        "exposure 8.3 ms, fixed; gain 0; white balance 4600 K, fixed; focus not reported"
     )
     automatic = CameraSettings(auto_exposure=True, auto_white_balance=True)
     assert describe_camera_settings(automatic) == (
-        "automatic exposure; gain not reported; automatic white balance; no autofocus"
+        "automatic exposure; gain not reported; automatic white balance; focus not reported"
     )
     unknown = "exposure not reported; gain not reported; white balance not reported"
     assert describe_camera_settings(FIXED_EXPOSURE) == f"{unknown}; focus fixed"
-    assert describe_camera_settings(CameraSettings()) == f"{unknown}; no autofocus"
+    assert describe_camera_settings(CameraSettings()) == f"{unknown}; focus not reported"

@@ -94,14 +94,15 @@ def test_one_moment_has_the_reading_and_the_wrench_of_the_same_stamp(stage: Stag
     with stage.loop:
         wait_until(lambda: stage.sees(0.0))
         for _ in range(5):
-            reading = stage.loop.snapshot(0).reading
+            held = stage.loop.snapshot(0)
+            reading = held.reading
             assert reading is not None
             for offset_ns in (-40_000_000, 0, 40_000_000):
                 wrench = Wrench(
                     np.array([0.0, 0.0, -offset_ns / 1e9]), np.zeros(3), stamp_ns=reading.stamp_ns + offset_ns
                 )
                 history.add(WrenchWithUncertainty(wrench, np.full(6, np.nan)))
-            stage.loop.snapshot = lambda now_ns, held=stage.loop.snapshot(0): held  # type: ignore[method-assign, misc]
+            stage.loop.snapshot = lambda now_ns, held=held: held  # type: ignore[method-assign, misc]
             stage.studio.refresh(stage.screen)
             (moment,) = stage.screen.moments[-1].sensors
             sample = moment.wrenches[0].sample

@@ -31,8 +31,8 @@ from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import KnownLoadTable
 from ninedtact.calibration.sensor_with_other_base import load_on_calibration_ball_n, sensor_with_other_base
-from ninedtact.calibration.twin.base_search import KnownBase
 from ninedtact.calibration.twin.fit_parameters import NEARLY_RIGID
+from ninedtact.calibration.twin.gel_base import KnownBase
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import FORCE_SCALE_FILE, ForceEstimator, ForceScale, write_force_scale

@@ -21,7 +21,6 @@ from ninedtact.calibration.twin.ball_press_fit import (
     RELATIVE_THICKNESS_STD,
     prior_of_base,
 )
-from ninedtact.calibration.twin.base_search import MODULUS_RATIO_MODEL_STD
 from ninedtact.calibration.twin.fit_parameters import (
     FIT_PARAMETERS,
     NEARLY_RIGID,
@@ -31,6 +30,7 @@ from ninedtact.calibration.twin.fit_parameters import (
     perturb_parameter,
     share_left_of_model_error,
 )
+from ninedtact.calibration.twin.gel_base import MODULUS_RATIO_MODEL_STD
 from ninedtact.calibration.twin.observed_presses import REACH_MM
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter, LyingCylinder

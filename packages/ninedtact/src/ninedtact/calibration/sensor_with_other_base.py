@@ -14,7 +14,7 @@ from ninedtact.calibration.ball.ball_press import find_ball_press
 from ninedtact.calibration.brightness_change import estimate_camera_noise, flat_fielded_brightness_change
 from ninedtact.calibration.fit_tables import fitted_ball_press, make_ball_quality, make_depth_table, make_twin_table
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.calibration.twin.base_search import KnownBase
+from ninedtact.calibration.twin.gel_base import KnownBase
 from ninedtact.calibration.twin.press_search import ParameterPrior
 from ninedtact.simulation.calibration_press_models import BallPressModel
 

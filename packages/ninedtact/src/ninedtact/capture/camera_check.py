@@ -132,7 +132,7 @@ def describe_camera_settings(settings: CameraSettings) -> str:
     balance = "automatic white balance" if settings.auto_white_balance else "white balance not reported"
     if not settings.auto_white_balance and settings.white_balance_k is not None:
         balance = f"white balance {settings.white_balance_k:g} K, fixed"
-    focus = "autofocus" if settings.autofocus else "no autofocus" if settings.autofocus is None else "focus fixed"
+    focus = {True: "autofocus", False: "focus fixed", None: "focus not reported"}[settings.autofocus]
     if settings.focus is not None:
         focus = f"focus {settings.focus:g}, fixed"
     pixels = f"; pixel format {settings.pixel_format}" if settings.pixel_format else ""

@@ -43,16 +43,17 @@ class VideoCaptureProtocol(Protocol):
 
 def _as_bgr(image: Any, name: str) -> Any:
     """Return an image in three channels: that of a grey camera is repeated, an alpha channel dropped; raises `CameraError`."""
-    if image.dtype != np.uint8:
-        raise CameraError(
-            expected=f"images of 8 bits from {name}", got=f"{image.dtype}", remedy="choose another --pixel-format"
-        )
     planes = image[..., None] if image.ndim == 2 else image
-    return (
-        planes
-        if planes.shape[2] == 3
-        else np.ascontiguousarray(np.broadcast_to(planes[..., :3], (*planes.shape[:2], 3)))
-    )
+    channels = planes.shape[2]
+    if image.dtype != np.uint8 or channels not in (1, 3, 4):
+        raise CameraError(
+            expected=f"grey or colour images of 8 bits from {name}",
+            got=f"{channels} channels of type {image.dtype}",
+            remedy="choose another --pixel-format",
+        )
+    if channels == 3:
+        return planes
+    return np.ascontiguousarray(np.broadcast_to(planes[..., :3], (*planes.shape[:2], 3)))
 
 
 class ThreadSafeVideoCapture:

@@ -123,11 +123,8 @@ def _formats(path: Path, kind: int) -> Iterator[bytes]:
 def _modes_of_format(path: Path, pixel_format: bytes) -> Iterator[VideoMode]:
     for reply in _enumerate(path, _LIST_SIZES, lambda i: struct.pack("<I4s36x", i, pixel_format)):
         kind, cols, rows, greatest_rows = struct.unpack_from("<III8xI", reply, 8)
-        size_px = (cols, rows)
-        if (
-            kind != _DISCRETE
-        ):  # a range of sizes, of which the largest stands here: least and most columns, step, the same of rows
-            size_px = (rows, greatest_rows)
+        # A range states the least and the most columns, a step, and the same of rows; its largest size stands for it.
+        size_px = (cols, rows) if kind == _DISCRETE else (rows, greatest_rows)
         rates = tuple(_rates_hz(path, pixel_format, *size_px))
         yield VideoMode(pixel_format.decode("ascii", errors="replace"), size_px, rates)
         if kind != _DISCRETE:

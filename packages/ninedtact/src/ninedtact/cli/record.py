@@ -72,7 +72,7 @@ class Record:
     """Storage of images, both without loss: raw, in chunks that zstd compresses (sensor_msgs/Image), or each as a PNG
     (sensor_msgs/CompressedImage), which is smaller and takes longer to read (docs: recording)."""
     heights: bool = False
-    """Also record the heights; the first ten images are then taken as reference images (no contact)."""
+    """Also record the heights; the first ten images are then taken as reference images (no contact). A twin brings its own."""
     height_bits: Literal[32, 16] = 32
     """Storage of heights: 32, floating point without loss; 16, integers in steps of 0.001 mm, which are smaller and lose up to half
     a step."""

@@ -91,20 +91,20 @@ def measure_darkening_and_limit(
     reading: Reading, threshold: ContactThreshold = ContactThreshold()
 ) -> tuple[float, float]:
     """Return the largest relative darkening, smoothed over about a millimetre, and the limit above which it is a contact."""
-    signal, view = _signal_and_view(reading)
+    signal = _brightness_on_cells(reading)
     noise = max(estimate_cell_noise(signal), _MIN_NOISE)
     noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
-    darkening = _smoothed_darkening(signal, view, _SMOOTHING_CELLS)
+    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
-    return float(darkening.max()), max(float(limit), correlated_noise_limit(reading, threshold))
+    return float(darkening.max()), max(float(limit), correlated_noise_limit(reading, threshold, signal))
 
 
-def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> float:
+def correlated_noise_limit(reading: Reading, threshold: ContactThreshold, signal: View | None = None) -> float:
     """Return the darkening that noise of neighbouring pixels alike may make: of compression, of rounding, of unsteady light.
 
     The noise of a camera rounds grey levels up and down at random, so that their mean over a millimetre is right. The error that
     is left falls with the variance of the noise (Widrow and Kollár 2008, docs/references.md). Noise that is alike over two cells,
-    as that of blocks of compression, is estimated from them.
+    as that of blocks of compression, is estimated from them. signal: the relative brightness on cells, where it is known already.
     """
     learnt = threshold.learnt_noises * reading.stream.noise
     if reading.stream.learnt_s >= threshold.learnt_after_s:
@@ -114,7 +114,7 @@ def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> flo
     rounding = float(np.exp(-2 * (np.pi * noise_levels) ** 2)) / level
     if abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None:
         rounding = max(rounding, _GAIN_ROUNDING_LEVELS / level)
-    signal, _ = _signal_and_view(reading)
+    signal = _brightness_on_cells(reading) if signal is None else signal
     rows, cols = signal.shape
     coarse = np.asarray(cv2.resize(signal, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA))
     noise = min(2 * estimate_cell_noise(coarse), _MAX_NOISE)
@@ -126,7 +126,8 @@ def measure_smooth_noise(reading: Reading) -> float:
 
     It is the median over tiles of the largest brightening: a contact that is too light to be detected darkens, and in few tiles.
     """
-    brightening = -_smoothed_darkening(*_signal_and_view(reading), _SMOOTHING_CELLS)
+    signal = _brightness_on_cells(reading)
+    brightening = -_smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
     rows, cols = brightening.shape
     down, across = _TILES
     tiles = brightening[: rows // down * down, : cols // across * across]
@@ -197,14 +198,13 @@ def _estimate_pixel_noise(image: Float32[Array, "rows cols"], reference: Float32
     return float(np.median(np.abs(np.diff(brightness, n=2, axis=1)))) * _STD_PER_MEDIAN / float(np.sqrt(6))
 
 
-def _signal_and_view(reading: Reading) -> tuple[View, View]:
-    """Return the relative brightness on cells, and one for each cell."""
+def _brightness_on_cells(reading: Reading) -> View:
+    """Return the brightness of the image relative to its reference image, on cells."""
     image, reference = (
         _average_over_cells(rectified.grey, reading.rectified.mm_per_px)
         for rectified in (reading.rectified, reading.reference)
     )
-    signal = image / np.maximum(reference, np.float32(1))
-    return signal, np.ones_like(signal)
+    return np.asarray(image / np.maximum(reference, np.float32(1)))
 
 
 def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> View:

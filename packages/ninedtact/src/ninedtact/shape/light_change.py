@@ -72,6 +72,7 @@ _MAX_DIRT_SHARE = 0.05
 _DIRT_RIM = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
 _CLOSING = np.ones((3, 3), np.uint8)
 _FILLING_SIGMAS, _MIN_FILLING_WEIGHT = (1.5, 3.0, 6.0, 12.0, 24.0), 0.1
+_FILLING_BLURS, _FILLING_BLUR = 8, 2.0
 
 Cells = Float32[Array, "few_rows few_cols"]
 Grey = Float32[Array, "rows cols"]
@@ -127,7 +128,8 @@ class LightChange:
         if EstimateWarning.LIGHT_CHANGED in self.warnings:
             done = "taken out" if self.gain != 1 else "not taken out, because hardly any skin is flat"
             gamma = f", gamma {self.gamma:.2f}" if self.gamma != 1 else ""
-            found.append(f"the light is {self.level - 1:+.1%} of the reference image's{gamma}: {done}")
+            side = "brighter" if self.level > 1 else "dimmer"
+            found.append(f"the light is {abs(self.level - 1):.1%} {side} than in the reference image{gamma}: {done}")
         if self.bands is not None:
             lines = "rows" if self.bands.along_rows else "columns"
             size, period = self.bands.amplitude, self.bands.period_px
@@ -406,7 +408,10 @@ def _find_dirt(ratio: Cells) -> tuple[UInt8[Array, "few_rows few_cols"], int]:
 
 
 def _fill_from_surroundings(ratio: Cells, mask: UInt8[Array, "few_rows few_cols"]) -> Cells:
-    """Return the field with masked cells replaced by weighted means of their surroundings, which widen until they reach all."""
+    """Return the field with masked cells replaced by weighted means of their surroundings, which widen until they reach all.
+
+    Blurring the filled cells a few times more takes the steps between the widths out and goes on with slopes from side to side.
+    """
     filled, known = ratio.copy(), (mask == 0).astype(np.float32)
     missing = mask > 0
     for sigma in _FILLING_SIGMAS:
@@ -418,6 +423,8 @@ def _fill_from_surroundings(ratio: Cells, mask: UInt8[Array, "few_rows few_cols"
         if not missing.any():
             break
     filled[missing] = 1
+    for _ in range(_FILLING_BLURS):
+        filled[mask > 0] = cv2.GaussianBlur(filled, (0, 0), _FILLING_BLUR)[mask > 0]
     return filled
 
 

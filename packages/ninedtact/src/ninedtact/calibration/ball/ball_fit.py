@@ -32,7 +32,7 @@ from ninedtact.calibration.ball.contact_circle import (
 )
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
-from ninedtact.calibration.twin.base_search import KnownBase
+from ninedtact.calibration.twin.gel_base import KnownBase
 from ninedtact.calibration.twin.press_search import ParameterPrior
 from ninedtact.design import SensorDesign
 from ninedtact.mechanics.base_deflection import BaseDeflection

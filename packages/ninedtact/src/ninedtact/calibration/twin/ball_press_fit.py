@@ -17,13 +17,6 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_press import BallPress
 from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
-from ninedtact.calibration.twin.base_search import (
-    MODULUS_RATIO_MODEL_STD,
-    KnownBase,
-    change_per_modulus_ratio,
-    estimate_base,
-    on_coarse_grid,
-)
 from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
     NEARLY_RIGID,
@@ -38,6 +31,13 @@ from ninedtact.calibration.twin.fit_parameters import (
     split_by_press,
 )
 from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, implied_ball_radius
+from ninedtact.calibration.twin.gel_base import (
+    MODULUS_RATIO_MODEL_STD,
+    KnownBase,
+    change_per_modulus_ratio,
+    estimate_base,
+    on_coarse_grid,
+)
 from ninedtact.calibration.twin.observed_presses import ObservedBallPress
 from ninedtact.calibration.twin.press_search import (
     BallPressProblem,

@@ -1,8 +1,8 @@
-"""The base of the gel in the fit of ball presses: what the images say of it, weighed over fits with several bases held, and how all
-other parameters follow it.
+"""The base of the gel in the fit of ball presses: what the images say of it, and how all other parameters follow it.
 
-The sum of squares by the base is nearly flat, with side minima, and far from a parabola. The mean over the posterior of the base is
-therefore the estimate, and its spread the error, in place of the nearest minimum and the curvature there.
+The sum of squares as a function of the base is nearly flat, with side minima, and far from a parabola, so that neither the nearest
+minimum nor the curvature there tells the base. The presses are therefore fitted with each of several bases held; the estimate is
+the mean of the posterior, and its error the standard deviation.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline
 
 from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
@@ -40,16 +40,18 @@ _HELD_BASES = (NEARLY_RIGID, 0.05, 0.1, 0.2, 0.3)
 """Moduli of the gel over that of its base with each of which the presses are fitted, in ascending order."""
 _SOFTEST_BASE = 0.35
 _EXCLUDED_CHI_SQUARE = 30.0
-"""Excess of chi-square over the best base above which softer ones are not tried."""
+"""Excess of chi-square over the best base above which softer ones are not tried, with the residual of the start."""
 _TOLERANCE = 1e-2
 """Tolerance of the fits with a base held, which is as small as an error of an error may be."""
+_SCATTER = _TOLERANCE / 3
+"""Relative scatter of the sums of squares of these fits, which is not evidence for a base."""
 _HELD_STD = 1e-3
 """Standard deviation of the prior that holds the base at a value."""
 
 
 @dataclass(frozen=True)
 class KnownBase:
-    """The base of a gel as something else than the fitted images tells it, or as the images told it before."""
+    """The base of a gel as known loads tell it, or as an earlier fit of the same images does."""
 
     modulus_ratio: float
     """Modulus of the gel over that of the base."""
@@ -74,7 +76,7 @@ class _BaseProfile:
     ratios: tuple[float, ...]
     vectors: tuple[ParameterVector, ...]
     chi_square: tuple[float, ...]
-    """Sums of squares over the square of an independent observation's residual at the best fit, and those of the prior terms."""
+    """Sums of squares over the variance of an independent observation, and those of the prior terms."""
 
     def parameters_at(self, ratio: float) -> ParameterVector:
         """Return the best parameters with a base, by linear interpolation."""
@@ -82,13 +84,10 @@ class _BaseProfile:
 
     def posterior(self) -> tuple[float, float]:
         """Return mean and standard deviation of the modulus ratio."""
-        last = self.chi_square[-1]
-        slope = (last - self.chi_square[-2]) / (self.ratios[-1] - self.ratios[-2])
-        end = last + max(slope, 0.0) * (_SOFTEST_BASE - self.ratios[-1])
-        ratio = np.linspace(0.0, _SOFTEST_BASE, 141)
-        chi_square = PchipInterpolator([*self.ratios, _SOFTEST_BASE], [*self.chi_square, end])(
-            np.maximum(ratio, self.ratios[0])
-        )
+        ratio = np.linspace(self.ratios[0], _SOFTEST_BASE, 141)
+        # A natural spline, whose minimum may lie between the bases, and which goes on straight beyond the last.
+        spline, last = CubicSpline(self.ratios, self.chi_square, bc_type="natural"), self.ratios[-1]
+        chi_square = spline(np.minimum(ratio, last)) + spline(last, 1) * np.maximum(ratio - last, 0)
         weight = np.exp(-(chi_square - chi_square.min()) / 2)
         weight /= weight.sum()
         mean = float(weight @ ratio)
@@ -121,14 +120,14 @@ def estimate_base(
         effective_observation_count(one.observed.image(best_residual[rows]))
         for one, rows in zip(problem.presses, problem.rows, strict=True)
     )
-    chi_square = np.array(squares) / (min(squares) / observations) + np.array(prior_squares)
+    variance = min(squares) * (1 / observations + _SCATTER)
+    chi_square = np.array(squares) / variance + np.array(prior_squares)
     profile = _BaseProfile(tuple(ratios), tuple(vectors), tuple(chi_square.tolist()))
     mean, std = profile.posterior()
     # A difference over what is not known of the base says more than a derivative, because the fit is far from linear in it.
     reach = float(np.hypot(std, MODULUS_RATIO_MODEL_STD))
     lower, upper = max(mean - reach, ratios[0]), min(mean + reach, ratios[-1])
     change = (profile.parameters_at(upper) - profile.parameters_at(lower)) / (upper - lower)
-    mean = max(mean, NEARLY_RIGID)
     return KnownBase(mean, std, change), profile.parameters_at(mean)
 
 
