@@ -206,6 +206,21 @@ def test_untouched_skin_is_zero_exactly_about_any_point(desk: Path, capsys: pyte
     assert not row["touching"] and not any(row[name] for name in ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm"))
 
 
+def test_other_light_and_dirt_on_untouched_skin_are_named_and_are_no_contact(
+    desk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    untouched = cv2.imread(str(desk / "reference.png"))
+    brighter, dirty = cv2.convertScaleAbs(untouched, alpha=1.05), untouched.copy()
+    cv2.circle(dirty, (250, 200), 8, (80, 80, 80), cv2.FILLED)
+    for name, image in (("brighter", brighter), ("dirty", dirty)):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+    images = [tmp_path / "brighter.png", tmp_path / "dirty.png"]
+    words = ("estimate", "--sensor", desk / "sensor", "--reference", desk / "reference.png", *images)
+    rows = asked(capsys, *words)["wrenches"]
+    assert [row["warnings"] for row in rows] == [["light changed"], ["dirt in view"]]
+    assert not any(row["touching"] or row["Fz_N"] for row in rows)
+
+
 def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     at_skin, below = estimated(desk, capsys), estimated(desk, capsys, "--about-mm", "0", "0", "-35")
     assert below[:, 4] == pytest.approx(at_skin[:, 4] + 0.035 * at_skin[:, 0])

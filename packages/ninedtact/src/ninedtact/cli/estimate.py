@@ -165,7 +165,7 @@ class Estimate:
             "time_ns": reading.frame.stamp_ns,
             "touching": force.touching,
             **dict(zip(COLUMNS, [*force.wrench.six.tolist(), *force.std.tolist()], strict=True)),
-            "warnings": [str(warning) for warning in force.warnings],
+            "warnings": [str(warning) for warning in reading.warnings],
         }
 
 

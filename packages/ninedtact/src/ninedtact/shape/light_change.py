@@ -137,7 +137,8 @@ class LightChange:
                 f"bands of ±{size:.1%} with a period of {period:.0f} {lines} (dimmed light, rolling shutter): taken out"
             )
         if self.dirt_spots:
-            found.append(f"{self.dirt_spots} spots of dirt, {self.dirt_mm2:.2f} mm², on lens or window: masked")
+            count = "one spot" if self.dirt_spots == 1 else f"{self.dirt_spots} spots"
+            found.append(f"{count} of dirt, {self.dirt_mm2:.2f} mm² in all, on lens or window: masked")
         return tuple(found)
 
     def restore(self, grey: Grey) -> Grey:
