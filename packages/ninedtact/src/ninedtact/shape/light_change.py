@@ -336,15 +336,15 @@ def _profile_grid(rectify: Rectification, along_rows: bool) -> _ProfileGrid:
     )
     low, high = (np.clip(np.quantile(along, share), 0, 1) for share in (0.02, 0.98))
     left, right = (np.clip(np.quantile(across, share), 0, 1) for share in (0.02, 0.98))
-    line = np.linspace(low, high, _PROFILE_BINS)
     cells = [
         np.argmin((along.ravel() - at) ** 2 + (across.ravel() - side) ** 2)
-        for at in line
+        for at in np.linspace(low, high, _PROFILE_BINS)
         for side in np.linspace(left, right, _PROFILE_SAMPLES)
     ]
     steps = [float(np.median(np.abs(step))) for step in np.gradient(along)]
     lines = raw_rows if along_rows else raw_cols
-    return _ProfileGrid(np.array(cells).reshape(_PROFILE_BINS, -1), line, max(steps), lines)
+    cell = np.array(cells).reshape(_PROFILE_BINS, -1)
+    return _ProfileGrid(cell, along.ravel()[cell].mean(axis=1).astype(float), max(steps), lines)
 
 
 def _fit_gamma(ratio: Float32[Array, " n"], reference: Float32[Array, " n"]) -> tuple[float, float] | None:
