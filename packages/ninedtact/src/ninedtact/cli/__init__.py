@@ -32,6 +32,7 @@ COMMANDS = {
     "calibrate": "calibrate:CalibrateCommand",
     "reconstruct": "reconstruct:ReconstructCommand",
     "check": "check:CheckCommand",
+    "compare": "compare:Compare",
     "live": "live:Live",
     "play": "live:Play",
     "ros2": "ros2_foxglove_and_serve:Ros2",

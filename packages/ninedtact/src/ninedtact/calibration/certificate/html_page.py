@@ -1,8 +1,10 @@
 """The certificate as one HTML page: the quality of the calibration, the images and figures that it rests on, and advice.
-`render_certificate_html` takes a `Calibration` and returns the page.
+`render_certificate_html` takes a `Calibration` and returns the page; `render_page` fills a template, also that of a comparison.
 """
 
 from base64 import b64encode
+from collections.abc import Mapping
+from typing import Any
 
 from ninedtact.calibration.certificate.checks import (
     certificate_headline,
@@ -49,6 +51,29 @@ Rows = list[tuple[str, str]]
 
 def render_certificate_html(calibration: Calibration) -> str:
     """Return the page as one self-contained HTML document: images are embedded, and nothing is loaded or executed."""
+    record = calibration.record
+    assert record.certificate is not None, "a calibration that was made here has its figures"
+    return render_page(
+        "certificate.html.jinja",
+        _plot_certificate_images(calibration),
+        record=record,
+        headline=certificate_headline(record.certificate),
+        level=overall_check_level(record.certificate),
+        lines=compute_certificate_checks(record.certificate),
+        uses_in_words=uses_in_words,
+        warnings=record.certificate.warnings,
+        board_rows=[*_board_table_rows(record.certificate.board), *_view_table_rows(record)],
+        ball_rows=[
+            *_ball_table_rows(record.certificate.ball),
+            *_second_ball_table_rows(record.certificate.second_ball),
+        ],
+        twin_rows=_twin_table_rows(record.twin) if record.twin else [],
+        design_rows=_design_table_rows(record.design),
+    )
+
+
+def render_page(template: str, images: Mapping[str, bytes], **values: Any) -> str:
+    """Return a template of this package as one self-contained HTML document, with PNG images embedded by their names."""
     # jinja2 is imported here because it is slow to import and only this function needs it.
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -59,24 +84,8 @@ def render_certificate_html(calibration: Calibration) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    record = calibration.record
-    assert record.certificate is not None, "a calibration that was made here has its figures"
-    return pages.get_template("certificate.html.jinja").render(
-        record=record,
-        headline=certificate_headline(record.certificate),
-        level=overall_check_level(record.certificate),
-        lines=compute_certificate_checks(record.certificate),
-        uses_in_words=uses_in_words,
-        warnings=record.certificate.warnings,
-        images={name: b64encode(content).decode() for name, content in _plot_certificate_images(calibration).items()},
-        board_rows=[*_board_table_rows(record.certificate.board), *_view_table_rows(record)],
-        ball_rows=[
-            *_ball_table_rows(record.certificate.ball),
-            *_second_ball_table_rows(record.certificate.second_ball),
-        ],
-        twin_rows=_twin_table_rows(record.twin) if record.twin else [],
-        design_rows=_design_table_rows(record.design),
-    )
+    embedded = {name: b64encode(content).decode() for name, content in images.items()}
+    return pages.get_template(template).render(images=embedded, **values)
 
 
 def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:
