@@ -15,6 +15,7 @@ from figures import Figure, answer, at_most, holds
 
 from ninedtact import CalibrationImages, SensorDesign, calibrate
 from ninedtact.calibration.ball.ball_press import find_ball_press
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.second_press_plan import (
     CandidatePress,
@@ -73,10 +74,15 @@ def second_ball(
         for number in range(1 if quick else sensors):
             who = sample_sensor(number, seed, LAYERED)
             who = replace(who, gel=replace(who.gel, gel_to_base_modulus_ratio=ratio))
-            one, two, planned_mm = depths(who, radius_mm, refines_lens=not quick)
+            name = f"base {base}, sensor {number}"
+            try:
+                one, two, planned_mm = depths(who, radius_mm, refines_lens=not quick)
+            except BallPressUnusable as refusal:
+                figures.append(Figure(f"{name}: refused", str(refusal)))
+                continue
             alone.append(one)
             both.append(two)
-            figures += list(of_one_sensor(f"base {base}, sensor {number}", one, two, planned_mm))
+            figures += list(of_one_sensor(name, one, two, planned_mm))
     answer(
         f"Depth of the calibration's ball, with a second ball of radius {radius_mm:g} mm",
         [*figures, *summary(alone, both)],

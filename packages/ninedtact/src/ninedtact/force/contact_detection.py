@@ -53,6 +53,9 @@ class ContactRegionSettings:
     deep_mm: float = 0.05
     deep_fraction: float = 0.1
     """Fraction of the maximum indentation. Every connected part of a contact reaches this fraction, and `deep_mm`, somewhere."""
+    level_fraction: float = 0.2
+    """Fraction of the maximum indentation down to which the median height of the view is the level from which skin counts as
+    pressed in: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
     dark_fraction: float = 0.5
     """Fraction of the maximum darkening. Cells that are darker than this are in contact, whatever height the depth reader gives."""
 
@@ -158,8 +161,9 @@ def find_contact_region(
     if darkening.max() <= limit:
         return None
     max_depth_mm = max(-float(z_mm[margin:-margin, margin:-margin].min()), 0.0)
-    pressed = z_mm < -max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
     deep = z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)
+    level_mm = float(np.clip(np.median(z_mm[in_view > 0]), -settings.level_fraction * max_depth_mm, 0))
+    pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
     dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
     return np.asarray(cv2.dilate((_connected_parts_with(pressed, deep) | dark).astype(np.float32), _RIM))
 

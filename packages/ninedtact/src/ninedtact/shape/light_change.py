@@ -29,9 +29,14 @@ _CELL_PX = 8
 _WHITE = 255.0
 
 _MIN_GAIN_CHANGE = 0.004
-"""Change of the median below which the gain is left as it is: twice what presses change."""
+"""Change of the median below which the gain is left as it is."""
+_LEVEL_PER_BULGE = 1.1
+"""Largest change of the median that a press makes, per mean brightening of bulges above the median: 504 presses of up to 12 N on
+six twins of real sensors and on bases that yield."""
+_MOST_BRIGHTENED, _MOST_DARKENED = 0.011, 0.0025
+"""The most that it makes of it, also of wide and deep presses; what it loses by dimming is less than what displaced gel gains."""
 _GAIN_SPREADS = 0.5
-"""Standard deviations of flat skin that are added to it: under deep and wide presses the level is less certain."""
+"""Standard deviations of flat skin within which the level is not certain, under deep and wide presses."""
 _FLAT_PER_MM = 0.004
 """Slope of the smoothed ratio below which skin counts as flat."""
 _MIN_FLAT_SHARE = 0.05
@@ -209,7 +214,7 @@ class LightCorrection:
 
     def _find_gain(self, ratio: Cells, level: float, reference: Rectified) -> tuple[float, float, bool]:
         """Return gain and gamma of the skin that does not move, ones where they hardly changed, and whether they are known."""
-        if abs(level - 1) < _MIN_GAIN_CHANGE:
+        if abs(level - 1) < self._least_gain_change(ratio, level):
             return 1.0, 1.0, True
         smooth = cv2.GaussianBlur(ratio / np.float32(level), (0, 0), 1.5)
         down, across = np.gradient(smooth)
@@ -217,13 +222,20 @@ class LightCorrection:
         if flat.sum() < _MIN_FLAT_SHARE * self._seen.sum():
             return 1.0, 1.0, False
         spread = float(ratio[flat].std()) / level
-        if abs(level - 1) < _MIN_GAIN_CHANGE + _GAIN_SPREADS * spread or not _GAIN_RANGE[0] < level < _GAIN_RANGE[1]:
+        least = self._least_gain_change(ratio, level, spread)
+        if abs(level - 1) < least or not _GAIN_RANGE[0] < level < _GAIN_RANGE[1]:
             return 1.0, 1.0, True
         gamma = _fit_gamma(ratio[flat], self._reference_on_cells(reference)[flat])
         if gamma is None:
             return level, 1.0, True
         slope, offset = gamma
         return float(np.exp(offset)), slope, True
+
+    def _least_gain_change(self, ratio: Cells, level: float, spread: float = 0.0) -> float:
+        """Return the change of the median up to which the press itself may have made it; spread: that of flat skin."""
+        bulges = float(np.maximum(ratio[self._seen] - level, 0).mean()) / level
+        most = _MOST_BRIGHTENED if level > 1 else _MOST_DARKENED
+        return _MIN_GAIN_CHANGE + max(min(_LEVEL_PER_BULGE * bulges, most), _GAIN_SPREADS * spread)
 
     def _find_bands(self, ratio: Cells) -> LightBands | None:
         """Return the bands on the raw rows or columns, whichever are stronger; None where there are none."""

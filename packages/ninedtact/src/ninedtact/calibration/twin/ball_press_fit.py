@@ -46,6 +46,7 @@ from ninedtact.calibration.twin.press_search import (
     PriorTerms,
     fit_coarsely,
     fit_finely,
+    image_derivative,
     leave_some_gel,
 )
 from ninedtact.design import BallGauge, Gel, SensorDesign
@@ -225,11 +226,12 @@ def fit_twin_to_ball_press(
         model_std = MODULUS_RATIO_MODEL_STD
     held = base.hold(prior_terms)
     start[BASE_INDEX] = max(base.modulus_ratio, NEARLY_RIGID)
-    problem, vector, jacobian = fit_finely(problem, leave_some_gel(problem, start)[0], held)
+    problem, vector, jacobian = fit_finely(problem, leave_some_gel(problem, start)[0], held, held=BASE_INDEX)
+    coefficients, residual = problem.fit_linear_terms(vector)
+    jacobian[: problem.row_count, BASE_INDEX] = image_derivative(problem, vector, residual, BASE_INDEX)
     base = replace(base, std=float(np.hypot(base.std, model_std * model_error_share(jacobian, problem.rows))))
     if base.std > 0 and base.change_per_ratio is None:
         base = replace(base, change_per_ratio=change_per_modulus_ratio(problem, vector, held, base.std))
-    coefficients, residual = problem.fit_linear_terms(vector)
     moved_by_base = np.zeros_like(vector) if base.change_per_ratio is None else base.std * base.change_per_ratio
     uncertainty = estimate_uncertainty(jacobian, residual, sum(observations), moved_by_base)
     # What several images say of a radius, and one alone of the depth, depends on the base, which is free there.

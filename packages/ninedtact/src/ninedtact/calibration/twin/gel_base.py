@@ -161,7 +161,7 @@ def _fit_with_base(
     start = start.copy()
     start[BASE_INDEX] = ratio
     start, _ = leave_some_gel(problem, start)
-    return fit_finely(problem, start, KnownBase(ratio).hold(prior_terms), _TOLERANCE, jacobian)
+    return fit_finely(problem, start, KnownBase(ratio).hold(prior_terms), _TOLERANCE, jacobian, BASE_INDEX)
 
 
 def on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:

@@ -222,6 +222,7 @@ def fit_finely(
     prior_terms: PriorTerms,
     tolerance: float = FINE_TOLERANCE,
     reused_jacobian: Float[Array, "rows parameters"] | None = None,
+    held: int | None = None,
 ) -> tuple[JointPressProblem, ParameterVector, Float[Array, "rows parameters"]]:
     """Return the problem with the contacts of the last iteration as first guesses, the least-squares parameters with prior terms,
     and the last Jacobian of the residual, with one row for every prior. They are found from a start near by, by Gauss–Newton.
@@ -230,7 +231,8 @@ def fit_finely(
     the smallest differences of it does not end. This one ends where the linearised problem predicts a smaller relative reduction
     than `tolerance`, or where no step length reduces the sum of squares.
 
-    reused_jacobian: that of a similar problem, whose derivatives by the parameters of the contact serve for the first step.
+    reused_jacobian: that of a similar problem, whose derivatives by the parameters of the contact serve for the first step. held:
+    index of a parameter that stays as it is, whose derivatives in the Jacobian are zero.
     """
 
     def stacked_residual(vector: ParameterVector) -> Float[Array, " n"]:
@@ -241,7 +243,7 @@ def fit_finely(
     reuse_reduction = max(_DERIVATIVE_REUSE_REDUCTION, _REUSE_TOLERANCES * tolerance)
     for _ in range(_MAX_FINE_STEPS):
         problem = problem.starting_from(vector)
-        derivatives = image_jacobian(problem, vector, residual[: problem.row_count], reused_jacobian)
+        derivatives = image_jacobian(problem, vector, residual[: problem.row_count], reused_jacobian, held)
         jacobian = np.vstack([derivatives, prior_terms.jacobian(vector)])
         step = _bounded_step(jacobian, residual, vector)
         sum_of_squares = np.sum(residual**2)
@@ -277,24 +279,35 @@ def image_jacobian(
     vector: ParameterVector,
     residual: Float[Array, " n"],
     reused_jacobian: Float[Array, "rows parameters"] | None = None,
+    held: int | None = None,
 ) -> Float[Array, "n parameters"]:
     """Return the derivative of the residual by each searched parameter, with levels and slopes refitted (variable projection).
 
     residual: that at this vector. reused_jacobian: that at a vector near by, whose derivatives by the parameters of the contact are
-    reused.
+    reused. held: index of a parameter that is not searched, by which the derivative is given as zero.
     """
     columns = []
     for index, parameter in enumerate(fit_parameters(len(problem.presses))):
-        if reused_jacobian is not None and parameter.moves_contact:
+        if index == held:
+            columns.append(np.zeros_like(residual))
+        elif reused_jacobian is not None and parameter.moves_contact:
             columns.append(reused_jacobian[: residual.size, index])
-            continue
-        perturbed, step = perturb_parameter(vector, index)
-        change = problem.fit_linear_terms(perturbed)[1] - residual
-        if not np.isfinite(change).all():  # deeper than the gel allows: take the other side
-            step = -step
-            perturbed = vector.copy()
-            perturbed[index] += step
-            change = problem.fit_linear_terms(perturbed)[1] - residual
-        # On the verge of what the gel allows a parameter stays as it is, until the others have led away from there.
-        columns.append(change / step if np.isfinite(change).all() else np.zeros_like(change))
+        else:
+            columns.append(image_derivative(problem, vector, residual, index))
     return np.column_stack(columns)
+
+
+def image_derivative(
+    problem: JointPressProblem, vector: ParameterVector, residual: Float[Array, " n"], index: int
+) -> Float[Array, " n"]:
+    """Return the derivative of the residual by one parameter; zero on the verge of what the gel allows on both sides, where the
+    parameter stays as it is until the others have led away from there.
+    """
+    perturbed, step = perturb_parameter(vector, index)
+    change = problem.fit_linear_terms(perturbed)[1] - residual
+    if not np.isfinite(change).all():  # deeper than the gel allows: take the other side
+        step = -step
+        perturbed = vector.copy()
+        perturbed[index] += step
+        change = problem.fit_linear_terms(perturbed)[1] - residual
+    return change / step if np.isfinite(change).all() else np.zeros_like(change)
