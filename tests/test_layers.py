@@ -24,7 +24,7 @@ LAYERS = {
         {"mechanics", "capture"},
         {"shape"},
         {"reading"},
-        {"force", "simulation"},
+        {"force", "simulation", "tracking"},
         {"calibration", "stream_memory"},
         {"reference_images"},
         {"recording", "sensor"},

@@ -50,6 +50,7 @@ COMMANDS = {
     "train": "[train]",
     "model": "[train]",
     "estimate": "estimate:Estimate",
+    "track": "track:Track",
     "adapt": "adapt:Adapt",
     "evaluate": "[datasets]",
     "hardware": "[hardware]",

@@ -1,0 +1,114 @@
+"""Objects that are pressed on a real sensor's own twin, dragged and turned, and followed: motion against the key frame, its error,
+and whether what cannot be seen is claimed.
+
+Each object is pressed 0.5 mm deep and moved in steps of (0.1, 0.05) mm, turned by 2° and tilted by 0.1° a step. Errors are those of
+the point in the middle of the first contact. The turn of balls and flat round faces cannot be seen.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import tyro
+from figures import Figure, answer, at_least, at_most, holds
+from real_images import calibrated
+
+from ninedtact.calibration.save import save_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
+from ninedtact.reading import read_frame
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.tracking import ObjectTracker, RigidMotion
+
+SENSORS = "sensor_a", "sensor_i"
+TEXTURED = "key_05", "key_11", "letter_03", "letter_17", "gear_07", "spanner_02", "cross_03", "text_02"
+FEATURELESS = "ball:4", "ball:8", "punch"
+DEPTH_MM, STEPS = 0.5, 14
+WITHIN_ONE, WITHIN_TWO = (0.60, 0.78), (0.90, 0.98)
+CLAIMED_DEG = 45.0
+"""Standard deviation of the turn below which it counts as claimed."""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """One object on one sensor: errors and standard deviations of every step, mm and rad."""
+
+    errors: np.ndarray
+    std: np.ndarray
+    ms: float
+
+
+def tracking(out: Path = Path("out/own_twin_presses"), quick: bool = False, json: bool = False) -> None:
+    """Follow every object on every sensor."""
+    figures: list[Figure] = []
+    for name in SENSORS[: 1 if quick else None]:
+        if not (out / name).is_dir():
+            save_sensor(out / name, calibrated(name, "physics"))
+        sensor = load_sensor(out / name)
+        steps = 2 if quick else STEPS
+        textured = [follow(sensor, item, steps) for item in TEXTURED[: 1 if quick else None]]
+        plain = [follow(sensor, item, steps) for item in FEATURELESS[: 1 if quick else None]]
+        figures += figures_of(name, textured, plain)
+    answer("Objects followed on a sensor's own twin", figures, json)
+
+
+def follow(sensor: SensorFolder, item: str, steps: int) -> Followed:
+    """Return how an object was followed."""
+    twin, shape, tracker = sensor.twin(), sensor.shape, ObjectTracker()
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(8)))
+    indenter, last, first, spent = indenter_from_name(item), None, None, 0.0
+    errors, std = [], []
+    for step in range(steps + 1):
+        angle = np.radians(2.0 * step)
+        pose = Pose(-0.4 + 0.1 * step, -0.3 + 0.05 * step, DEPTH_MM, angle, np.radians(0.1 * step))
+        last = twin.press(last, indenter, pose)
+        frame = Frame(twin.renderer(last.corrected, step))
+        began = process_time()
+        found = tracker.update(read_frame(frame, shape, reader))
+        spent += process_time() - began
+        at = RigidMotion(np.asarray(pose.rotation), np.asarray(pose.origin_mm))
+        if first is None:
+            first, point_mm = at, found.position_mm
+        elif found.is_known:
+            errors.append(found.motion.difference(at.after(first.inverse), point_mm))
+            std.append(found.std)
+        else:
+            print(f"{item}: {found.state} ({found.reason}) at step {step}")
+    return Followed(np.array(errors), np.array(std), 1e3 * spent / (steps + 1))
+
+
+def figures_of(name: str, textured: list[Followed], plain: list[Followed]) -> list[Figure]:
+    """The median and largest errors, how often the truth is within the stated ones, and claims of what cannot be seen."""
+    errors, std = (np.concatenate([getattr(one, part) for one in textured]) for part in ("errors", "std"))
+    shift_mm, turn_deg = np.linalg.norm(errors[:, :3], axis=1), np.degrees(np.linalg.norm(errors[:, 3:], axis=1))
+    is_seen = np.degrees(std[:, 5]) < CLAIMED_DEG
+    yaw_deg = np.degrees(np.abs(errors[is_seen, 5]))
+    deviation = np.abs(errors / std)
+    claims = sum(int((np.degrees(one.std[:, 5]) < CLAIMED_DEG).sum()) for one in plain)
+    return [
+        at_most(f"{name}: translation, median, mm", float(np.median(shift_mm)), 0.05, "mm"),
+        Figure(f"{name}: translation, largest, mm", float(shift_mm.max())),
+        at_most(f"{name}: rotation where the turn is seen, median, °", float(np.median(turn_deg[is_seen])), 0.5, "°"),
+        Figure(
+            f"{name}: turn about z where it is seen, median and largest, °",
+            f"{np.median(yaw_deg):.2f}, {yaw_deg.max():.2f}",
+        ),
+        Figure(f"{name}: images of textured objects whose turn is seen", f"{is_seen.sum()} of {len(is_seen)}"),
+        *(
+            holds(f"{name}: truth within {times} σ", share, f"{low:g} to {high:g}", low <= share <= high)
+            for times, (low, high) in ((1, WITHIN_ONE), (2, WITHIN_TWO))
+            for share in [float((deviation < times).mean())]
+        ),
+        at_most(f"{name}: images of balls and round punches on which a turn is claimed", claims, 0),
+        at_least(
+            f"{name}: images per second of processor time, heights included",
+            1e3 / float(np.mean([one.ms for one in textured])),
+            100,
+        ),
+    ]
+
+
+if __name__ == "__main__":
+    tyro.cli(tracking)

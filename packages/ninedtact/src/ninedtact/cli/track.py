@@ -1,0 +1,116 @@
+"""ninedtact track: a recording, video or camera of a calibrated sensor → the path of the object that touches, as CSV."""
+
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.shared_options import ForceOption, RecordedSensorOption, ReferenceOrFirstOption, SourceOption
+
+if TYPE_CHECKING:
+    from ninedtact.reading import Reading
+    from ninedtact.tracking import ObjectMotion
+
+_AXES = "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"
+COLUMNS = (
+    *("frame", "time_s", "state", "path", *_AXES, "yaw_deg"),
+    *(f"{axis}_std" for axis in _AXES),
+    *("overlap", "rms_mm", "key_frame", "reason"),
+)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Follow the object that touches: its path and turn since it touched first, with errors, one line for each image.
+
+    What cannot be seen has an error that says so: the turn of a ball, for example, ±115°.
+    """
+
+    source: tyro.conf.Positional[SourceOption]
+    sensor: RecordedSensorOption = None
+    reference: ReferenceOrFirstOption = ()
+    force: ForceOption = "none"
+    out: Path | None = None
+    """CSV file for the path."""
+    json: bool = False
+    """Print the path as one JSON object; what is not known is null."""
+
+    def run(self) -> int:
+        """Follow the object through every image and print how far it went."""
+        import ninedtact
+        from ninedtact.atomic_write import require_place_for_file, write_file_atomically
+        from ninedtact.tracking import ObjectTracker
+
+        require_place_for_file(self.out)
+        tracker, rows = ObjectTracker(), list[dict[str, Any]]()
+        with given_or_recorded_sensor(self.sensor, self.source) as folder:
+            sensor = ninedtact.open(folder, self.source, self.force, self.reference, follow_reference=False)
+            with stop_on_signal() if sensor.source.is_live else nullcontext() as stop, sensor:
+                if stop is not None:
+                    print_notice(f"following what touches {sensor.source.name} until Ctrl-C")
+                first_ns: int | None = None
+                for reading in sensor:
+                    first_ns = reading.stamp_ns if first_ns is None else first_ns
+                    rows.append(_row(reading, tracker.update(reading), first_ns))
+                    if stop is not None and stop.now:
+                        break
+        if self.out is not None:
+            write_file_atomically(self.out, _to_csv(rows))
+        return print_result(self.json, {"path": rows}, self._format(rows))
+
+    def _format(self, rows: list[dict[str, Any]]) -> Iterator[str]:
+        tracked = [row for row in rows if row["state"] == "tracked"]
+        yield f"{len(rows)} images, {len(tracked)} with an object that was followed"
+        for path in sorted({row["path"] for row in tracked}):
+            last = [row for row in tracked if row["path"] == path][-1]
+            yield (
+                f"path {path}: moved by ({last['x_mm']:.2f}, {last['y_mm']:.2f}, {last['z_mm']:.2f}) mm "
+                f"± ({last['x_mm_std']:.2f}, {last['y_mm_std']:.2f}, {last['z_mm_std']:.2f}), turned by "
+                f"{last['yaw_deg']:.1f}° ± {last['rz_deg_std']:.1f}° about z at {last['time_s']:.2f} s"
+            )
+        reasons = [row["reason"] for row in rows if row["reason"]]
+        for reason in dict.fromkeys(reasons):
+            yield f"lost in {reasons.count(reason)} images: {reason}"
+        if self.out is not None:
+            yield f"wrote {self.out}"
+
+
+def _row(reading: "Reading", found: "ObjectMotion", first_ns: int) -> dict[str, Any]:
+    import numpy as np
+
+    moved_mm, turned_deg = found.moved_mm, np.degrees(found.motion.rotation_vector_rad)
+    std = np.concatenate([found.std[:3], np.degrees(found.std[3:])])
+    known = found.is_known
+    numbers = [*moved_mm, *turned_deg, np.degrees(found.motion.yaw_rad)]
+    return {
+        "frame": reading.frame.index,
+        "time_s": (reading.stamp_ns - first_ns) / 1e9,
+        "state": str(found.state),
+        "path": found.path,
+        **{
+            name: float(value) if known else float("nan")
+            for name, value in zip((*_AXES, "yaw_deg"), numbers, strict=True)
+        },
+        **{f"{name}_std": float(value) for name, value in zip(_AXES, std, strict=True)},
+        "overlap": found.overlap,
+        "rms_mm": found.rms_mm,
+        "key_frame": found.is_key_frame,
+        "reason": found.reason,
+    }
+
+
+def _to_csv(rows: list[dict[str, Any]]) -> bytes:
+    import csv
+    from io import StringIO
+
+    text = StringIO()
+    table = csv.DictWriter(text, COLUMNS)
+    table.writeheader()
+    table.writerows(
+        {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()} for row in rows
+    )
+    return text.getvalue().replace("nan", "").encode()

@@ -1,0 +1,194 @@
+"""An object followed through a stream of readings, against key frames.
+
+Every reading is registered with the last key frame, so that errors do not add up from frame to frame. A new key frame is taken
+where the object has turned or moved so far that the surfaces hardly overlap. Where nothing touches, or the surfaces do not fit, the
+object is lost, and the state says why. When something touches again it is compared with the key frames: if one fits, the path goes
+on; otherwise another path begins.
+"""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from math import radians
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ninedtact.quantities import EstimateWarning
+from ninedtact.reading import Reading
+from ninedtact.tracking.registration import Registration, Registrator
+from ninedtact.tracking.rigid_motion import Covariance, RigidMotion, move_error, turn_error
+from ninedtact.tracking.touched_surface import TouchedSurface, touched_surface
+
+_MIN_OVERLAP, _KEY_FRAME_OVERLAP = 0.35, 0.6
+"""Share of the key frame that must touch in a reading; share below which the reading becomes the next key frame."""
+_KEY_FRAME_TURN_RAD = radians(25)
+_MAX_RMS_MM = 0.08
+"""Root mean square distance of surfaces above which they are not the same object's."""
+_MAX_KEY_FRAMES = 40
+
+
+class TrackState(StrEnum):
+    """Whether the motion of the object is known."""
+
+    NO_CONTACT = "no contact"
+    TRACKED = "tracked"
+    LOST = "lost"
+
+
+@dataclass(frozen=True)
+class ObjectMotion:
+    """Where the object is, compared with where it was when it touched first."""
+
+    state: TrackState
+    reason: str = ""
+    """Why the object is lost; empty otherwise."""
+    path: int = 0
+    """Number of the path: it rises where another object, or the same one beyond recognition, touches."""
+    motion: RigidMotion = field(default_factory=RigidMotion)
+    covariance: Covariance = field(default_factory=lambda: np.full((6, 6), np.nan))
+    """Of the error at `position_mm`, in mm and rad (`rigid_motion`); not a number where the object is not tracked."""
+    position_mm: Float[Array, "3"] = field(default_factory=lambda: np.full(3, np.nan))
+    """Where the point of the object is now that was the centre of its first contact."""
+    moved_mm: Float[Array, "3"] = field(default_factory=lambda: np.full(3, np.nan))
+    """By how much that point has moved since."""
+    overlap: float = 0.0
+    """Share of the key frame that touches now, too."""
+    rms_mm: float = 0.0
+    """Root mean square distance of the surfaces."""
+    is_key_frame: bool = False
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the motion is known."""
+        return self.state == TrackState.TRACKED
+
+    @property
+    def std(self) -> Float[Array, "6"]:
+        """Standard deviations of position in mm along x, y, z, and of the rotation in rad about them."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
+class _KeyFrame:
+    """A surface, and the motion of the object from its first contact to it."""
+
+    surface: TouchedSurface
+    motion: RigidMotion
+    covariance: Covariance
+    """Of the error at the object's reference point."""
+
+
+@dataclass
+class ObjectTracker:
+    """Follows one object; give it every reading of a stream in turn.
+
+    >>> tracker = ninedtact.tracking.ObjectTracker()
+    >>> with ninedtact.open("my_sensor", source="sim", force="none") as sensor:
+    ...     motions = [tracker.update(reading) for reading, _ in zip(sensor, range(100))]
+    """
+
+    register: Registrator = Registrator()
+    path: int = field(default=0, init=False)
+    _origin_mm: Float[Array, "3"] = field(default_factory=lambda: np.zeros(3), init=False, repr=False)
+    _key_frames: list[_KeyFrame] = field(default_factory=list, init=False, repr=False)
+    _current: _KeyFrame | None = field(default=None, init=False, repr=False)
+    """The key frame in use; None before the first contact and while the object is lost."""
+    _relative: list[RigidMotion] = field(default_factory=list, init=False, repr=False)
+    """The last two motions since the key frame in use."""
+
+    def update(self, reading: Reading) -> ObjectMotion:
+        """Return where the object is in the next reading of the stream."""
+        if reading.image_warnings:
+            return self._lose(TrackState.LOST, str(reading.image_warnings[0]))
+        is_free = not reading.contact.any() if reading.force is None else not reading.force.touching
+        if is_free:
+            return self._lose(TrackState.NO_CONTACT)
+        surface = touched_surface(reading.height, reading.contact)
+        if surface is None:
+            return self._lose(TrackState.LOST, "too little of the object touches")
+        unseen = EstimateWarning.PART_UNSEEN in reading.warnings
+        return self._follow(surface, "the contact leaves the view" if unseen else "")
+
+    def _follow(self, surface: TouchedSurface, doubt: str) -> ObjectMotion:
+        if self._current is None:
+            return self._recognise(surface)
+        found = self.register(self._current.surface, surface, self._predicted())
+        reason = _reason_to_reject(found)
+        if found is None or reason:
+            return self._lose(TrackState.LOST, doubt or reason)
+        self._relative = [*self._relative[-1:], found.motion]
+        return self._accept(self._current, found, surface)
+
+    def _predicted(self) -> RigidMotion:
+        """Return the motion since the key frame if the last step is repeated."""
+        if len(self._relative) < 2:
+            return self._relative[-1] if self._relative else RigidMotion()
+        before, last = self._relative
+        return last.after(before.inverse).after(last)
+
+    def _accept(self, key: _KeyFrame, found: Registration, surface: TouchedSurface) -> ObjectMotion:
+        motion = found.motion.after(key.motion)
+        position_mm = motion(self._origin_mm)
+        covariance = turn_error(key.covariance, found.motion.rotation) + move_error(
+            found.covariance, found.centre_mm, position_mm
+        )
+        turned_rad = float(np.linalg.norm(found.motion.rotation_vector_rad))
+        is_key = found.overlap < _KEY_FRAME_OVERLAP or turned_rad > _KEY_FRAME_TURN_RAD
+        if is_key:
+            self._use(_KeyFrame(surface, motion, covariance))
+        return ObjectMotion(
+            TrackState.TRACKED,
+            "",
+            self.path,
+            motion,
+            covariance,
+            position_mm,
+            position_mm - self._origin_mm,
+            found.overlap,
+            found.rms_mm,
+            is_key,
+        )
+
+    def _use(self, key: _KeyFrame) -> None:
+        self._current, self._relative = key, []
+        # The first key frame is kept, because errors are smallest against it.
+        self._key_frames = [*self._key_frames[:1], *self._key_frames[1:][-(_MAX_KEY_FRAMES - 2) :], key]
+
+    def _recognise(self, surface: TouchedSurface) -> ObjectMotion:
+        """Return the motion of an object that touches again, from the key frame that fits best; else the first of a new path."""
+        tried = []
+        for key in self._key_frames:
+            shift = surface.centre_mm - key.surface.centre_mm
+            found = self.register(key.surface, surface, RigidMotion(translation_mm=shift))
+            if found is not None and not _reason_to_reject(found):
+                tried.append((found.rms_mm / found.overlap, key, found))
+        if tried:
+            _, key, found = min(tried, key=lambda one: one[0])
+            self._current, self._relative = key, [found.motion]
+            return self._accept(key, found, surface)
+        self.path += 1
+        self._origin_mm, self._key_frames = surface.centre_mm, []
+        self._use(_KeyFrame(surface, RigidMotion(), np.zeros((6, 6))))
+        return ObjectMotion(
+            TrackState.TRACKED,
+            path=self.path,
+            covariance=np.zeros((6, 6)),
+            position_mm=self._origin_mm,
+            moved_mm=np.zeros(3),
+            overlap=1.0,
+            is_key_frame=True,
+        )
+
+    def _lose(self, state: TrackState, reason: str = "") -> ObjectMotion:
+        self._current, self._relative = None, []
+        return ObjectMotion(state, reason, self.path)
+
+
+def _reason_to_reject(found: Registration | None) -> str:
+    """Return why two surfaces are not those of one object at rest in between; empty where they are."""
+    if found is None or found.overlap < _MIN_OVERLAP:
+        return "too little of the surface touches that touched before"
+    if found.rms_mm > _MAX_RMS_MM:
+        return "the surface has another shape than before"
+    return ""

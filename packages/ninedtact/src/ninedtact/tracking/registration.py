@@ -1,0 +1,170 @@
+"""The motion of an object between two readings: the surface that touched is laid onto the surface that touches now.
+
+Points of the earlier surface are moved and compared along the normals of the later one (point to plane), where the object holds the
+skin in both. A `Registrator` is made of three parts that can be exchanged: the residual with its derivatives, the weights that
+reject what does not belong to both, and the rule that ends the iterations.
+
+Not every motion can be seen: a ball looks the same after any turn, and a flat face while it slides along itself. Noise of the
+slopes makes such motions look as if they could be seen a little. Its share of the information is computed and taken off; a
+direction whose information is mostly noise is not searched, and its variance is that of the prior.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ninedtact.tracking.rigid_motion import Covariance, RigidMotion
+from ninedtact.tracking.touched_surface import TouchedSurface
+
+Residual = Callable[
+    [TouchedSurface, TouchedSurface, RigidMotion],
+    tuple[Float[Array, " n"], Float[Array, "n 6"], Float[Array, " n"], Float[Array, "n 3"]],
+]
+"""Returns, of every point of the earlier surface, the distance to the later one in mm, its derivatives by a small further motion
+about the moved centre, whether both touch there (one or zero), and the point relative to the moved centre."""
+Weights = Callable[[Float[Array, " n"], Float[Array, " n"]], Float[Array, " n"]]
+"""Returns the weight of every point from its distance and whether both touch there."""
+Termination = Callable[[int, Float[Array, "6"]], bool]
+"""Returns whether the search ends, from the number of the iteration and its step in mm."""
+
+_LEAST_DISTANCE_MM = 0.004
+"""Standard deviation of heights that is assumed at least."""
+_MOST_NOISE_MM = 0.012
+"""Error of heights beyond which distances are taken for those of a poor guess."""
+_CORRELATED_MM2 = 3.0
+"""Area over which errors of heights are alike: they come from the model of light and gel, not from the camera's noise."""
+_SLOPE_ERROR_MM = 0.35
+"""Distance over which errors of heights change: their slopes are wrong by the error of the heights over this."""
+_SYSTEMATIC_STD = np.array([0.02, 0.02, 0.012, 0.009, 0.009, 0.007])
+"""Error, mm and rad, of smooth changes of the whole contact that gel and light make while the object moves."""
+_LEAST_SIGNAL = 0.5
+"""Share of the information about a direction that must not be noise for it to be searched."""
+_PRIOR_MM, _PRIOR_RAD = 5.0, 2.0
+"""Standard deviation of a motion that is not seen: as large as the skin, and any angle."""
+
+
+def point_to_plane(
+    earlier: TouchedSurface, later: TouchedSurface, motion: RigidMotion
+) -> tuple[Float[Array, " n"], Float[Array, "n 6"], Float[Array, " n"], Float[Array, "n 3"]]:
+    """Return the distances of moved points to the later surface along its normals (`Residual`)."""
+    moved = motion(earlier.points_mm)
+    height, slope_x, slope_y, held = later.sample(moved)
+    length = np.sqrt(1 + slope_x**2 + slope_y**2)
+    normal = np.column_stack([slope_x, slope_y, -np.ones_like(slope_x)]) / length[:, None]
+    lever = moved - motion(earlier.centre_mm)
+    distance = (height - moved[:, 2]) / length
+    return distance, np.hstack([normal, np.cross(lever, normal)]), held, lever
+
+
+@dataclass(frozen=True)
+class RejectOutliers:
+    """Weights that fall with the square of the distance beyond some typical distances (Cauchy)."""
+
+    typical_distances: float = 2.0
+
+    def __call__(self, distance: Float[Array, " n"], both: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Return the weights; zero where not both touch."""
+        shared = both > 0.5
+        if not shared.any():
+            return np.zeros_like(both)
+        typical = 1.48 * float(np.median(np.abs(distance[shared]))) + 1e-4
+        return np.asarray(shared / (1 + (distance / (self.typical_distances * typical)) ** 2))
+
+
+@dataclass(frozen=True)
+class EndAtSmallStep:
+    """The search ends where a step moves no point by more than this, or after so many."""
+
+    step_mm: float = 5e-4
+    iterations: int = 12
+
+    def __call__(self, iteration: int, step: Float[Array, "6"]) -> bool:
+        """Return whether the search ends."""
+        return bool(np.abs(step).max() < self.step_mm) or iteration + 1 >= self.iterations
+
+
+@dataclass(frozen=True)
+class Registration:
+    """The motion of the object from the earlier reading to the later one."""
+
+    motion: RigidMotion
+    covariance: Covariance
+    """Of the error at `centre_mm`, mm and rad (`rigid_motion`)."""
+    centre_mm: Float[Array, "3"]
+    """Centre of the earlier surface after the motion."""
+    overlap: float
+    """Share of the earlier surface that touches in the later reading too."""
+    rms_mm: float
+    """Root mean square distance of the surfaces."""
+
+    @property
+    def std(self) -> Float[Array, "6"]:
+        """Standard deviations at the centre: mm along x, y, z, then rad about them."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
+class Registrator:
+    """Finds motions between readings; its parts can be exchanged."""
+
+    residual: Residual = point_to_plane
+    weights: Weights = RejectOutliers()
+    ends: Termination = EndAtSmallStep()
+
+    def __call__(
+        self, earlier: TouchedSurface, later: TouchedSurface, guess: RigidMotion = RigidMotion()
+    ) -> Registration | None:
+        """Return the motion from one surface to the next, from a guess near by; None where they do not overlap."""
+        motion, radius_mm = guess, _radius_of_gyration(earlier)
+        scale = np.array([1, 1, 1, radius_mm, radius_mm, radius_mm])  # all six in mm at the rim
+        for iteration in range(_MOST_ITERATIONS):
+            distance, derivative, both, lever = self.residual(earlier, later, motion)
+            weight = self.weights(distance, both)
+            if weight.sum() < _LEAST_POINTS:
+                return None
+            rms_mm = float(np.sqrt(weight @ distance**2 / weight.sum()))
+            scaled = derivative / scale
+            information = (scaled * weight[:, None]).T @ scaled
+            # A poor guess makes distances large, which is not noise.
+            error_mm = float(np.clip(rms_mm, _LEAST_DISTANCE_MM, _MOST_NOISE_MM))
+            noise = _information_of_noise(weight, lever, error_mm) / np.outer(scale, scale)
+            values, directions = np.linalg.eigh(information)
+            signal = values - np.einsum("ij,ik,kj->j", directions, noise, directions)
+            is_seen = signal > _LEAST_SIGNAL * values
+            gradient = directions.T @ (scaled.T @ (weight * distance))
+            step = directions @ np.where(is_seen, -gradient / np.maximum(values, 1e-12), 0)
+            motion = motion.perturbed(motion(earlier.centre_mm), step / scale)
+            if self.ends(iteration, step):
+                break
+        variance = max(rms_mm, _LEAST_DISTANCE_MM) ** 2 * max(_CORRELATED_MM2 / earlier.point_area_mm2, 1.0)
+        prior = 1 / np.square([_PRIOR_MM] * 3 + [_PRIOR_RAD * radius_mm] * 3)
+        known = directions * np.where(is_seen, signal / variance, 0) @ directions.T
+        covariance = np.linalg.inv(known + np.diag(prior)) / np.outer(scale, scale) + np.diag(_SYSTEMATIC_STD**2)
+        overlap = float((both > 0.5).mean())
+        return Registration(motion, covariance, motion(earlier.centre_mm), overlap, rms_mm)
+
+
+_MOST_ITERATIONS = 50
+_LEAST_POINTS = 30.0
+
+
+def _radius_of_gyration(surface: TouchedSurface) -> float:
+    return float(np.sqrt(((surface.points_mm - surface.centre_mm) ** 2).sum(axis=1).mean()))
+
+
+def _information_of_noise(
+    weight: Float[Array, " n"], lever: Float[Array, "n 3"], height_error_mm: float
+) -> Float[Array, "6 6"]:
+    """Return the information that errors of the slopes seem to add: the expectation of derivatives that are errors alone."""
+    variance = (height_error_mm / _SLOPE_ERROR_MM) ** 2
+    x, y, z = lever.T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    # An error of the normal along x, and along y: (error, lever × error).
+    parts = (
+        np.column_stack([one, zero, zero, zero, z, -y]),
+        np.column_stack([zero, one, zero, -z, zero, x]),
+    )
+    return np.asarray(variance * sum((part * weight[:, None]).T @ part for part in parts))

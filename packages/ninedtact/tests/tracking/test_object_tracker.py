@@ -1,0 +1,115 @@
+"""An object followed: over key frames, through a lost contact, and never from one object to another; and the command."""
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from test_registration import ball, bumpy, seen_height
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.cli import main
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import EstimateWarning, HeightMap
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.tracking import ObjectTracker, RigidMotion, TrackState
+
+
+@dataclass
+class Seen:
+    """What a tracker needs of a reading."""
+
+    height: HeightMap
+    is_touched: bool = True
+    force: None = None
+    image_warnings: tuple[EstimateWarning, ...] = ()
+    warnings: tuple[EstimateWarning, ...] = field(default=())
+
+    @property
+    def contact(self) -> np.ndarray:
+        return (self.height.z_mm < -0.03) & self.is_touched
+
+
+def turned_by(yaw_rad: float, x_mm: float = 0.0) -> RigidMotion:
+    return RigidMotion().perturbed(np.zeros(3), np.array([x_mm, 0, 0, 0, 0, yaw_rad]))
+
+
+@pytest.mark.usefixtures("without_type_checks")
+def test_a_whole_turn_is_followed_over_key_frames_with_errors_that_grow_and_cover() -> None:
+    tracker, std = ObjectTracker(), []
+    for step in range(37):
+        true = turned_by(np.radians(10 * step))
+        found = tracker.update(Seen(seen_height(bumpy, true, 0.002, step)))  # type: ignore[arg-type]
+        assert found.state == TrackState.TRACKED and found.path == 1
+        error = found.motion.difference(true, np.zeros(3))
+        assert np.abs(error[5]) <= 3 * found.std[5] + 1e-6
+        std.append(found.std[5])
+    assert np.degrees(abs(error[5])) < 1.0
+    assert std[-1] > std[1]
+
+
+@pytest.mark.usefixtures("without_type_checks")
+def test_an_object_that_comes_back_is_recognised_and_another_one_is_not() -> None:
+    tracker = ObjectTracker()
+    free = Seen(seen_height(bumpy, RigidMotion()), is_touched=False)
+    first, gone = (tracker.update(one) for one in (Seen(seen_height(bumpy, RigidMotion())), free))  # type: ignore[arg-type]
+    assert first.path == 1 and gone.state == TrackState.NO_CONTACT and np.isnan(gone.moved_mm).all()
+    back = tracker.update(Seen(seen_height(bumpy, turned_by(0.1, 0.6))))  # type: ignore[arg-type]
+    assert back.path == 1
+    assert back.position_mm == pytest.approx(turned_by(0.1, 0.6)(first.position_mm), abs=0.02)
+    tracker.update(free)  # type: ignore[arg-type]
+    other = tracker.update(Seen(seen_height(ball, RigidMotion())))  # type: ignore[arg-type]
+    assert other.path == 2 and other.state == TrackState.TRACKED
+
+
+@pytest.mark.usefixtures("without_type_checks")
+def test_what_cannot_be_followed_is_lost_with_its_reason() -> None:
+    tracker = ObjectTracker()
+    tracker.update(Seen(seen_height(bumpy, RigidMotion())))  # type: ignore[arg-type]
+    changed = tracker.update(Seen(seen_height(ball, RigidMotion())))  # type: ignore[arg-type]
+    assert changed.state == TrackState.LOST and "surface" in changed.reason
+    dark = Seen(seen_height(bumpy, RigidMotion()), image_warnings=(EstimateWarning.IMAGE_DARK,))
+    assert tracker.update(dark).reason == "image dark"  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def pressed_key(physical_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Pose]:
+    """A reference image, and a folder of images of a key that is pressed on the twin, dragged and turned; and its last pose."""
+    folder = tmp_path_factory.mktemp("key")
+    (folder / "images").mkdir()
+    twin, key, last = physical_sensor.twin(), indenter_from_name("key_05"), None
+    cv2.imwrite(str(folder / "reference.png"), twin.renderer(None, 99))
+    poses = [Pose(0.3 + 0.1 * step, -0.4 + 0.05 * step, 0.6, np.radians(3.0 * step)) for step in range(6)]
+    for number, pose in enumerate(poses):
+        last = twin.press(last, key, pose)
+        cv2.imwrite(str(folder / "images" / f"{number:02}.png"), twin.renderer(last.corrected, number))
+    return folder / "reference.png", folder / "images", poses[-1]
+
+
+def test_the_command_writes_the_path_of_a_key(
+    pressed_key: tuple[Path, Path, Pose],
+    physical_sensor: SensorFolder,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    reference, images, last = pressed_key
+    out = tmp_path / "path.csv"
+    words = ["--sensor", physical_sensor.path, "--reference", reference, "--out", out]
+    assert main(["track", str(images), *map(str, words)]) == 0
+    assert "6 images, 6 with an object that was followed" in capsys.readouterr().out
+    rows = list(csv.DictReader(out.open()))
+    assert [row["state"] for row in rows] == ["tracked"] * 6 and rows[0]["key_frame"] == "True"
+    end = {name: float(text) for name, text in rows[-1].items() if name.endswith(("mm", "deg", "std"))}
+    assert end["rz_deg"] == pytest.approx(np.degrees(last.twist_rad), abs=1.0)
+    assert end["rz_deg_std"] < 1.0 and end["x_mm_std"] < 0.06
+
+
+def test_a_track_that_cannot_be_written_is_one_sentence(
+    pressed_key: tuple[Path, Path, Pose], physical_sensor: SensorFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reference, images, _ = pressed_key
+    words = ["--sensor", physical_sensor.path, "--reference", reference, "--out", "/no/such/folder/path.csv"]
+    assert main(["track", str(images), *map(str, words)]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
