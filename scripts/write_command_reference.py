@@ -1,9 +1,15 @@
-"""Write docs/commands.md: the help text of every command, as `ninedtact COMMAND --help` prints it."""
+"""Write docs/commands.md from the help texts of the commands: what each is for, an example, and its options.
+
+An option that has the same text in several commands is explained once, at the top of the page.
+"""
 
 import contextlib
 import io
 import os
 import re
+import textwrap
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 os.environ["COLUMNS"] = "110"
@@ -11,16 +17,137 @@ os.environ["COLUMNS"] = "110"
 PAGE = Path(__file__).parents[1] / "docs" / "commands.md"
 HEADER = """# Commands
 
-This page is made from the commands' own help texts by `scripts/write_command_reference.py`. `ninedtact COMMAND --help` prints
-the same. Exit codes: 0 done, 1 the work failed and one line says why, 2 wrong usage. With `--json` a command prints one JSON
-object in place of text for people.
+Each section says what a command is for, gives one usual call, and lists its own options with the first sentence of their help;
+`ninedtact COMMAND --help` prints all of it. Options that several commands share are explained once, below. Exit codes: 0 done, 1
+the work failed and one line says why, 2 wrong usage. `scripts/write_command_reference.py` makes this page.
 """
+EXAMPLES = {
+    "demo": "--sensor my_sensor",
+    "calibrate": "--out my_sensor --source 0",
+    "reconstruct": "--sensor my_sensor --reference reference.png press.png --out results",
+    "check": "--sensor my_sensor today.png",
+    "live": "--sensor my_sensor --source 0 --force physics",
+    "play": "press.mcap",
+    "ros2": "--sensor my_sensor --source 0",
+    "foxglove": "--sensor my_sensor --source 0 --layout layout.json",
+    "serve": "--sensor my_sensor --source 0",
+    "simulate fit": "--sensor my_sensor",
+    "simulate press": "--object gear_07 --load-n 10 --out out/gear",
+    "simulate objects": "",
+    "simulate dataset": "--out pairs --pairs 10000 --sensors 20 --objects 175",
+    "collect": "--sensor my_sensor --source 0 --force-torque netft:192.168.1.1 --out pairs.mcap",
+    "record": "--sensor my_sensor --source 0 --force physics --out press.mcap",
+    "info": "press.mcap",
+    "export": "press.mcap --out press",
+    "dataset build": "--out pairs monday.mcap lab=/data/Dataset",
+    "dataset check": "pairs",
+    "dataset show": "pairs",
+    "import-calibration": "calibration/sensor_1 --out imported",
+    "export-calibration": "--sensor my_sensor --out calibration/sensor_1",
+    "train": "--data pairs --out training",
+    "model card": "--model training/model.onnx",
+    "model make": "--out first",
+    "estimate": "--sensor my_sensor --reference reference.png press.png",
+    "adapt": "--sensor my_sensor --reference reference.png --press a.png 52 --press b.png 198",
+    "evaluate": "--data pairs --force physics",
+    "hardware export": "--out parts",
+    "hardware bom": "",
+    "hardware check": "--design my_design.toml",
+    "hardware explore": "--gel-mm 1.5 2.5 4",
+    "hardware guide": "--out guide",
+    "camera-delay": "--source usb:1-2 --sensor my_sensor",
+    "doctor": "",
+}
+"""Arguments of one usual call of every command; the tests parse them."""
+
+
+@dataclass(frozen=True)
+class CommandOption:
+    """One argument of a command: how it is written, what the help says of it, and its default or that it is required."""
+
+    flags: str
+    text: str
+    note: str
+
+    @property
+    def name(self) -> str:
+        """The option without the kind of its value."""
+        return self.flags.split()[0]
+
+    def entry(self, text: str) -> str:
+        """Return the lines of this option in a block, with its help or a part of it."""
+        said = " ".join(part for part in (text, self.note) if part)
+        return textwrap.fill(f"{self.flags}  {said}", 108, subsequent_indent="      ", break_on_hyphens=False)
+
+    def first_sentence(self) -> str:
+        """Return the help up to the end of its first sentence, which a capital letter follows; all of it for `--no-…`, where the
+        last sentence says that the option switches something off."""
+        if self.name.startswith("--no-"):
+            return self.text
+        return re.split(r"(?<=[^.]\.) (?=[A-Z`])", self.text, maxsplit=1)[0]
+
+    def mention(self) -> str:
+        """Return the name with the default, for a list of names."""
+        note = re.sub(r"\(default: (.*)\)", r"\1", self.note)
+        return f"`{self.name}`{' ' + note if note else ''}"
 
 
 def command_reference() -> str:
     """Return the page."""
-    sections = [f"## ninedtact {' '.join(words)}\n\n```text\n{help_text(*words)}\n```\n" for words in command_words()]
-    return "\n".join([HEADER, *sections])
+    commands = {" ".join(words): help_text(*words) for words in command_words()}
+    options = {name: command_options(text) for name, text in commands.items()}
+    uses = Counter((one.flags, one.text) for each in options.values() for one in each if one.name.startswith("--"))
+    shared, seen = list[CommandOption](), set[str]()
+    for (flags, text), count in uses.most_common():
+        name = flags.split()[0]
+        if count > 1 and name not in seen:
+            seen.add(name)
+            shared.append(CommandOption(flags, text, ""))
+    shared.sort(key=lambda option: option.name)
+    section = "## Shared options\n\n```text\n" + "\n".join(one.entry(one.text) for one in shared) + "\n```\n"
+    common = {(one.flags, one.text) for one in shared}
+    return "\n".join(
+        [HEADER, section, *(command_section(name, commands[name], options[name], common) for name in commands)]
+    )
+
+
+def command_section(name: str, text: str, options: list[CommandOption], shared: set[tuple[str, str]]) -> str:
+    """Return the part of the page about one command."""
+    purpose = "\n".join(text.split("\n\n ")[0].split("\n\n", 1)[1].strip().splitlines())
+    lists = {
+        "Settings and their defaults": [
+            one for one in options if "." in one.name and (one.flags, one.text) not in shared
+        ],
+        "[Shared](#shared-options), with defaults": [one for one in options if (one.flags, one.text) in shared],
+    }
+    own = [one for one in options if not any(one in each for each in lists.values())]
+    lines = [f"## ninedtact {name}", "", purpose, "", f"    ninedtact {name} {EXAMPLES[name]}".rstrip(), ""]
+    if own:
+        lines += ["```text", *(one.entry(one.first_sentence()) for one in own), "```", ""]
+    for title, found in lists.items():
+        if found:
+            listed = f"{title}: {', '.join(one.mention() for one in found)}."
+            lines += [textwrap.fill(listed, 128, break_on_hyphens=False), ""]
+    return "\n".join(lines)
+
+
+def command_options(text: str) -> list[CommandOption]:
+    """Return the arguments that a help text lists, without the help itself."""
+    found = list[list[str]]()
+    for line in text.split("\n\n ", 1)[-1].splitlines():
+        if re.match(r"  \S", line) and not re.match(r"  -{9}", line):
+            found.append([line.strip()])
+        elif re.match(r" {4,}\S", line) and found:
+            found[-1].append(line.strip())
+    options = []
+    for first, *rest in found:
+        flags, _, begin = first.partition("  ")
+        if not re.match(r"(--|-h|[A-Z]+( \.\.\.)?$)", flags):
+            continue  # the sentence about a group of options
+        said = " ".join([begin.strip(), *rest]).strip()
+        note = re.search(r" ?\((required|repeatable|default: [^()]*)\)$", said)
+        options.append(CommandOption(flags, said[: note.start()] if note else said, note[0].strip() if note else ""))
+    return [one for one in options if not one.flags.startswith("-h")]
 
 
 def command_words(*prefix: str) -> list[tuple[str, ...]]:
