@@ -17,7 +17,7 @@ os.environ["COLUMNS"] = "110"
 PAGE = Path(__file__).parents[1] / "docs" / "commands.md"
 HEADER = """# Commands
 
-Each section says what a command is for, gives one usual call, and lists its own options with the first sentence of their help;
+Each section says what a command is for, gives one usual call, and lists its own options in a few words;
 `ninedtact COMMAND --help` prints all of it. Options that several commands share are explained once, below. Exit codes: 0 done, 1
 the work failed and one line says why, 2 wrong usage. `scripts/write_command_reference.py` makes this page.
 """
@@ -79,12 +79,16 @@ class CommandOption:
         said = " ".join(part for part in (text, self.note) if part)
         return textwrap.fill(f"{self.flags}  {said}", 108, subsequent_indent="      ", break_on_hyphens=False)
 
-    def first_sentence(self) -> str:
-        """Return the help up to the end of its first sentence, which a capital letter follows; all of it for `--no-…`, where the
-        last sentence says that the option switches something off."""
-        if self.name.startswith("--no-"):
+    def gist(self) -> str:
+        """Return the help up to the end of its first clause.
+
+        All of it is returned where the last sentence says that the option switches something off, or where it explains choices.
+        """
+        if self.name.startswith("--no-") or re.search(r"[{,](\w+)[,}].*\b\1: ", f"{self.flags} {self.text}"):
             return self.text
-        return re.split(r"(?<=[^.]\.) (?=[A-Z`])", self.text, maxsplit=1)[0]
+        clause = re.split(r"(?:(?<!\.)\.(?= [A-Z`])|; )(?![^(]*\))", self.text, maxsplit=1)[0].rstrip(".")
+        head = re.split(r": (?![^(]*\))", clause, maxsplit=1)[0]
+        return head if len(head.split()) > 5 else clause
 
     def mention(self) -> str:
         """Return the name with the default, for a list of names."""
@@ -123,7 +127,7 @@ def command_section(name: str, text: str, options: list[CommandOption], shared: 
     own = [one for one in options if not any(one in each for each in lists.values())]
     lines = [f"## ninedtact {name}", "", purpose, "", f"    ninedtact {name} {EXAMPLES[name]}".rstrip(), ""]
     if own:
-        lines += ["```text", *(one.entry(one.first_sentence()) for one in own), "```", ""]
+        lines += ["```text", *(one.entry(one.gist()) for one in own), "```", ""]
     for title, found in lists.items():
         if found:
             listed = f"{title}: {', '.join(one.mention() for one in found)}."
@@ -146,6 +150,7 @@ def command_options(text: str) -> list[CommandOption]:
             continue  # the sentence about a group of options
         said = " ".join([begin.strip(), *rest]).strip()
         note = re.search(r" ?\((required|repeatable|default: [^()]*)\)$", said)
+        flags = re.sub(r"(FLOAT)((?: FLOAT)+)", lambda many: f"FLOAT x{len(many[0].split())}", flags)
         options.append(CommandOption(flags, said[: note.start()] if note else said, note[0].strip() if note else ""))
     return [one for one in options if not one.flags.startswith("-h")]
 
