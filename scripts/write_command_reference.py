@@ -74,9 +74,9 @@ class CommandOption:
         """The option without the kind of its value."""
         return self.flags.split()[0]
 
-    def entry(self, text: str) -> str:
-        """Return the lines of this option in a block, with its help or a part of it."""
-        said = " ".join(part for part in (text, self.note) if part)
+    def entry(self, with_note: bool) -> str:
+        """Return the lines of this option in a block: how it is written, what it is for, and perhaps its note."""
+        said = " ".join(part for part in (self.gist(), self.note if with_note else "") if part)
         return textwrap.fill(f"{self.flags}  {said}", 108, subsequent_indent="      ", break_on_hyphens=False)
 
     def gist(self) -> str:
@@ -100,34 +100,24 @@ def command_reference() -> str:
     """Return the page."""
     commands = {" ".join(words): help_text(*words) for words in command_words()}
     options = {name: command_options(text) for name, text in commands.items()}
-    uses = Counter((one.flags, one.text) for each in options.values() for one in each if one.name.startswith("--"))
-    shared, seen = list[CommandOption](), set[str]()
-    for (flags, text), count in uses.most_common():
-        name = flags.split()[0]
-        if count > 1 and name not in seen:
-            seen.add(name)
-            shared.append(CommandOption(flags, text, ""))
-    shared.sort(key=lambda option: option.name)
-    section = "## Shared options\n\n```text\n" + "\n".join(one.entry(one.text) for one in shared) + "\n```\n"
-    common = {(one.flags, one.text) for one in shared}
-    return "\n".join(
-        [HEADER, section, *(command_section(name, commands[name], options[name], common) for name in commands)]
-    )
+    uses = Counter(one.entry(False) for each in options.values() for one in each if one.name.startswith("--"))
+    shared = {entry for entry, count in uses.items() if count > 1 and "." not in entry.split()[0]}
+    listed = "\n".join(sorted(shared))
+    sections = [command_section(name, commands[name], options[name], shared) for name in commands]
+    return "\n".join([HEADER, f"## Shared options\n\n```text\n{listed}\n```\n", *sections])
 
 
-def command_section(name: str, text: str, options: list[CommandOption], shared: set[tuple[str, str]]) -> str:
+def command_section(name: str, text: str, options: list[CommandOption], shared: set[str]) -> str:
     """Return the part of the page about one command."""
-    purpose = "\n".join(text.split("\n\n ")[0].split("\n\n", 1)[1].strip().splitlines())
+    purpose = text.split("\n\n ")[0].split("\n\n", 1)[1].strip()
     lists = {
-        "Settings and their defaults": [
-            one for one in options if "." in one.name and (one.flags, one.text) not in shared
-        ],
-        "[Shared](#shared-options), with defaults": [one for one in options if (one.flags, one.text) in shared],
+        "Settings and their defaults": [one for one in options if "." in one.name],
+        "[Shared](#shared-options)": [one for one in options if one.entry(False) in shared],
     }
     own = [one for one in options if not any(one in each for each in lists.values())]
     lines = [f"## ninedtact {name}", "", purpose, "", f"    ninedtact {name} {EXAMPLES[name]}".rstrip(), ""]
     if own:
-        lines += ["```text", *(one.entry(one.gist()) for one in own), "```", ""]
+        lines += ["```text", *(one.entry(True) for one in own), "```", ""]
     for title, found in lists.items():
         if found:
             listed = f"{title}: {', '.join(one.mention() for one in found)}."
