@@ -17,9 +17,8 @@ os.environ["COLUMNS"] = "110"
 PAGE = Path(__file__).parents[1] / "docs" / "commands.md"
 HEADER = """# Commands
 
-Each section says what a command is for, gives one usual call, and lists its own options in a few words;
-`ninedtact COMMAND --help` prints all of it. Options that several commands share are explained once, below. Exit codes: 0 done, 1
-the work failed and one line says why, 2 wrong usage. `scripts/write_command_reference.py` makes this page.
+What each command is for, one usual call, and its options in a few words; `ninedtact COMMAND --help` prints all of it. Exit codes:
+0 done, 1 the work failed and one line says why, 2 wrong usage. `scripts/write_command_reference.py` makes this page.
 """
 EXAMPLES = {
     "demo": "--sensor my_sensor",
@@ -109,7 +108,7 @@ def command_reference() -> str:
 
 def command_section(name: str, text: str, options: list[CommandOption], shared: set[str]) -> str:
     """Return the part of the page about one command."""
-    purpose = text.split("\n\n ")[0].split("\n\n", 1)[1].strip()
+    purpose = text.split("\n\n")[1].strip()
     lists = {
         "Settings and their defaults": [one for one in options if "." in one.name],
         "[Shared](#shared-options)": [one for one in options if one.entry(False) in shared],
