@@ -86,6 +86,8 @@ class CommandOption:
         if self.name.startswith("--no-") or re.search(r"[{,](\w+)[,}].*\b\1: ", f"{self.flags} {self.text}"):
             return self.text
         clause = re.split(r"(?:(?<!\.)\.(?= [A-Z`])|; )(?![^(]*\))", self.text, maxsplit=1)[0].rstrip(".")
+        if len(clause.split()) < 3:
+            return self.text
         head = re.split(r": (?![^(]*\))", clause, maxsplit=1)[0]
         return head if len(head.split()) > 5 else clause
 

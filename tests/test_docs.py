@@ -18,7 +18,10 @@ from ninedtact.cli import parse_arguments
 from ninedtact.design import SensorDesign
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTED = re.findall(r"^::: ([\w.]+)$", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.MULTILINE)
+sys.path.insert(0, str(ROOT / "scripts"))
+DOCUMENTED = import_module("expand_api_reference").documented_names(
+    (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+)
 
 
 @pytest.mark.parametrize("dotted", DOCUMENTED)
@@ -35,7 +38,6 @@ def test_the_page_documents_every_public_function_and_class() -> None:
 
 
 def test_the_reference_of_commands_is_what_the_commands_print(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.setenv("NO_COLOR", "1")
     sys.modules.pop("write_command_reference", None)
@@ -145,7 +147,6 @@ def test_command_lines_are_found_and_faults_seen() -> None:
 
 
 def test_the_commands_that_the_gallery_names_draw_all_of_its_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     from draw_gallery import DRAWN, GEAR
 
     page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
@@ -158,7 +159,6 @@ def test_the_commands_that_the_gallery_names_draw_all_of_its_pictures(monkeypatc
 def test_a_site_that_loads_from_elsewhere_or_links_to_nothing_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     from check_site import find_faults
 
     (tmp_path / "a.html").write_text('<h1 id="top"><a href="b.html#end"><a href="https://x.org"><img src="b.html">')
