@@ -1,5 +1,6 @@
 """Pages of the documentation follow the code: the Python API, every command on them, and the site that is built of them."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -10,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 import ninedtact
 from ninedtact.calibration.guidance import guided_capture_steps
@@ -146,7 +148,15 @@ def test_command_lines_are_found_and_faults_seen() -> None:
     assert sum(len(list(command_lines(one.read_text(encoding="utf-8")))) for one in PAGES) > 100
 
 
-def test_the_commands_that_the_gallery_names_draw_all_of_its_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_captions_say_what_the_pictures_show() -> None:
+    from draw_gallery import CAPTIONED, IMAGES, caption, caption_of_page
+
+    for picture in CAPTIONED:
+        figures = json.loads(Image.open(IMAGES / picture).info["figures"])
+        assert caption_of_page(picture)[1] == caption(picture, figures), "run make gallery"
+
+
+def test_the_commands_that_the_gallery_names_draw_all_of_its_pictures() -> None:
     from draw_gallery import DRAWN, GEAR
 
     page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
@@ -156,9 +166,7 @@ def test_the_commands_that_the_gallery_names_draw_all_of_its_pictures(monkeypatc
     assert '.take("twin_page"' in (ROOT / "scripts" / "draw_page_images.py").read_text(encoding="utf-8")
 
 
-def test_a_site_that_loads_from_elsewhere_or_links_to_nothing_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_site_that_loads_from_elsewhere_or_links_to_nothing_is_refused(tmp_path: Path) -> None:
     from check_site import find_faults
 
     (tmp_path / "a.html").write_text('<h1 id="top"><a href="b.html#end"><a href="https://x.org"><img src="b.html">')
