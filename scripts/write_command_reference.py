@@ -25,6 +25,7 @@ EXAMPLES = {
     "calibrate": "--out my_sensor --source 0",
     "reconstruct": "--sensor my_sensor --reference reference.png press.png --out results",
     "check": "--sensor my_sensor today.png",
+    "compare": "left right --out both.html",
     "live": "--sensor my_sensor --source 0 --force physics",
     "play": "press.mcap",
     "ros2": "--sensor my_sensor --source 0",
