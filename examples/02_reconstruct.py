@@ -20,11 +20,11 @@ options = parser.parse_args()
 
 shape = load_sensor(options.sensor).shape
 reader = shape.depth_reader(Frame(read_image(options.reference)))  # bound to the untouched skin of this session
-height = reader(shape.rectify(Frame(read_image(options.press))))  # z_mm: negative where pressed in
+height = reader(shape.rectify(Frame(read_image(options.press))))  # z_mm: negative where indented
 
 measured = summarise_shape(height)
 print(f"{height.z_mm.shape} heights, one every {height.mm_per_px:.4f} mm")
-print(f"pressed in {measured.max_indentation_mm:.3f} mm, contact {measured.contact_area_mm2:.1f} mm²")
+print(f"maximum indentation {measured.max_indentation_mm:.3f} mm, contact {measured.contact_area_mm2:.1f} mm²")
 if measured.contact_centre_mm is not None:  # None where nothing touches
     print("centre at x {:.2f}, y {:.2f} mm".format(*measured.contact_centre_mm))
 

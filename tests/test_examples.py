@@ -54,7 +54,7 @@ def test_calibrate(calibrated: tuple[Path, str]) -> None:
 
 def test_reconstruct(calibrated: tuple[Path, str], real_data: Path, tmp_path: Path) -> None:
     said = run("02_reconstruct.py", real_data, "--sensor", calibrated[0], "--out", tmp_path)
-    deepest_mm = number(r"pressed in ([\d.]+) mm", said)
+    deepest_mm = number(r"maximum indentation ([\d.]+) mm", said)
     assert deepest_mm == pytest.approx(2.15, abs=0.12)
     assert np.load(tmp_path / "height.npy").min() == pytest.approx(-deepest_mm, abs=0.01)  # the mean over a patch
     assert cv2.imread(str(tmp_path / "height_shaded.png")).shape[2] == 3
@@ -128,5 +128,5 @@ def test_the_tour_runs_with_the_public_names_and_its_page_is_what_it_shows(
     subprocess.run(run_there, check=True, timeout=240)
     page, figures = to_page(json.loads((tmp_path / "run.ipynb").read_text(encoding="utf-8")))
     assert number(r"to ([\d.]+) mm \(RMS\)", page) < 0.03
-    assert round(abs(number(r"pressed in by ([\d.]+) mm", page) - 1.8), 2) <= 0.03, "which is printed to 0.01 mm"
+    assert round(abs(number(r"maximum indentation ([\d.]+) mm", page) - 1.8), 2) <= 0.03, "which is printed to 0.01 mm"
     assert number(r"Fz (-?[\d.]+) N\n", page) < 0.3 and len(figures) == 3

@@ -137,7 +137,7 @@ class Reading:
 
     @property
     def max_indentation_mm(self) -> float:
-        """Greatest indentation in view, mm; 0 where nothing is pressed in."""
+        """Maximum indentation in view, mm; 0 where nothing is indented."""
         return self.summary.max_indentation_mm
 
     @property

@@ -299,8 +299,8 @@ def test_a_press_deeper_than_the_list_is_printed_as_a_lower_limit(
     command = ReconstructCommand(tmp_path / "ours", (paths[0],), tuple(paths[1:]), tmp_path / "out", ("npy",), False)
     assert command.run() == 0
     shallow, _, deep, warning, *_ = capsys.readouterr().out.splitlines()
-    assert "deepest 0.300 ± 0.0" in shallow and "deepest at least 0.600 mm, contact" in deep
-    assert warning == "  the deepest place lies beyond the calibrated range, its depth is a lower limit"
+    assert "maximum indentation 0.300 ± 0.0" in shallow and "maximum indentation at least 0.600 mm, contact" in deep
+    assert warning == "  the maximum indentation lies beyond the calibrated range and is a lower limit"
     assert replace(command, json=True).run() == 0
     shallow, deep = json.loads(capsys.readouterr().out)["images"]
     assert shallow["max_indentation_error_mm"] > 0 and shallow["warnings"] == []

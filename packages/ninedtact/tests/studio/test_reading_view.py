@@ -76,4 +76,4 @@ def test_a_press_deeper_than_the_curve_is_shown_as_a_lower_limit() -> None:
         for is_clipped in (False, True)
     )
     assert "≥" not in usual and "lower limit" not in usual
-    assert "≥ 1.90" in deeper and "its depth is a lower limit" in deeper
+    assert "≥ 1.90" in deeper and "is a lower limit" in deeper

@@ -137,12 +137,13 @@ def _output_names(images: tuple[Path, ...]) -> list[str]:
 
 def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
     for result in results:
-        yield (f"{result['image']}: deepest {_format_deepest(result)}, contact {result['contact_area_mm2']:.1f} mm²")
+        indentation = _format_max_indentation(result)
+        yield f"{result['image']}: maximum indentation {indentation}, contact {result['contact_area_mm2']:.1f} mm²"
         yield from (f"  {warning}" for warning in result["warnings"])
         yield from (f"  {kind}: {path}" for kind, path in result["files"].items())
 
 
-def _format_deepest(result: dict[str, Any]) -> str:
+def _format_max_indentation(result: dict[str, Any]) -> str:
     """The maximum indentation with its error, or as the lower limit that it is."""
     depth, error = f"{result['max_indentation_mm']:.3f}", f"{result['max_indentation_error_mm']:.3f}"
     return f"at least {depth} mm" if result["is_deepest_clipped"] else f"{depth} ± {error} mm"

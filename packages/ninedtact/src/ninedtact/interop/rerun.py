@@ -5,7 +5,7 @@ Entities, each below the name of the sensor:
     image        camera image, JPEG          wrench_estimated/force_z (and five more)  value, value − σ, value + σ
     heights      in colours, JPEG            wrench_measured/force_z (and five more)   value of the force/torque sensor
     surface      points in mm, coloured      warnings                                  warnings of the estimates, as text
-    indentation  greatest indentation, mm
+    indentation  maximum indentation, mm
 
 Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`, the wall time of arrival of an image or sample,
 and `image`, the number of the image in its source. Times of logging are not written.

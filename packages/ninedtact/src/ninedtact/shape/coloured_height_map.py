@@ -130,7 +130,7 @@ def add_colour_bar(figure: "Figure", scale: ColourScale, x_px: int, height_px: i
 
     shown = ScalarMappable(Normalize(-scale.pressed_mm, scale.bulged_mm), _matplotlib_colour_map(scale))
     bar = figure.colorbar(shown, cax=add_axes_at(figure, x_px, TOP_PX, 24, height_px))
-    bar.set_label("height (mm): pressed in < 0 < bulging", color=INK, size=10)
+    bar.set_label("height (mm): indented < 0 < bulging", color=INK, size=10)
     bar.outline.set_visible(False)
     bar.ax.tick_params(colors=INK, labelsize=9)
 
@@ -145,12 +145,12 @@ def _matplotlib_colour_map(scale: ColourScale) -> "Colormap":
 def shape_summary_sentence(summary: ShapeSummary) -> str:
     """Return the measures of a height map in one line."""
     if summary.contact_area_mm2 == 0 and not summary.is_deepest_clipped:
-        return f"no contact: nowhere pressed in by more than {summary.contact_threshold_mm:.2f} mm"
-    deepest = f"{summary.max_indentation_mm:.2f} mm at most"
+        return f"no contact: nowhere indented by more than {summary.contact_threshold_mm:.2f} mm"
+    indentation = f"{summary.max_indentation_mm:.2f} mm"
     if summary.is_deepest_clipped:
-        deepest = f"at least {summary.max_indentation_mm:.2f} mm, beyond the calibrated range"
+        indentation = f"at least {summary.max_indentation_mm:.2f} mm, beyond the calibrated range"
     return (
-        f"pressed in {deepest} · contact {summary.contact_area_mm2:.1f} mm² · "
+        f"maximum indentation {indentation} · contact {summary.contact_area_mm2:.1f} mm² · "
         f"displaced {summary.displaced_volume_mm3:.1f} mm³ · bulge {summary.max_bulge_mm:.2f} mm at most"
     )
 

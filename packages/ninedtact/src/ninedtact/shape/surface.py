@@ -234,7 +234,7 @@ class ShapeSummary:
     @property
     def warnings(self) -> tuple[str, ...]:
         """A sentence where depths, or a notable part of the contact, lie beyond the calibrated range."""
-        clipped = ("the deepest place lies beyond the calibrated range, its depth is a lower limit",)
+        clipped = ("the maximum indentation lies beyond the calibrated range and is a lower limit",)
         share = (f"{self.extrapolated_share:.0%} of the contact lies beyond the calibrated range",)
         return (clipped if self.is_deepest_clipped else ()) + (
             share if self.extrapolated_share > _NOTABLE_SHARE else ()

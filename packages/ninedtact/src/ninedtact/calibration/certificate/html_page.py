@@ -156,7 +156,7 @@ def _ball_table_rows(ball: BallQuality | None) -> Rows:
         ("noise of a pixel's depth", f"{ball.noise_mm:.4f} mm"),
         ("ball's radius", f"{ball.ball_radius_mm:g} mm"),
         ("contact circle's radius", f"{ball.contact_radius_mm:.2f} mm, {ball.contact_radius_px:.1f} pixels"),
-        ("pressed at its deepest", f"{ball.max_indentation_mm:.2f} mm"),
+        ("maximum indentation", f"{ball.max_indentation_mm:.2f} mm"),
         ("darkening there", f"{ball.darkening_grey_levels:.1f} grey levels"),
         ("mean depth per grey level", f"{ball.max_indentation_mm / ball.darkening_grey_levels:.3f} mm"),
         ("unevenness of the bulge", f"{ball.asymmetry:.1%} of the darkening"),
