@@ -141,9 +141,8 @@ def test_cyclones_tools_list_the_topics_with_their_types_and_print_messages(tmp_
             printing.kill()
 
 
-def test_the_program_of_the_page_reads_heights_and_is_answered(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[4] / "docs" / "ros2.md").read_text(encoding="utf-8")
-    (program,) = re.findall(r"^```python\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+def test_the_program_without_ros_reads_heights_and_is_answered(tmp_path: Path) -> None:
+    program = (Path(__file__).parents[4] / "examples" / "ros2" / "read_without_ros.py").read_text(encoding="utf-8")
     program = program.replace("/twin/", "/small/").replace("DomainParticipant(0)", f"DomainParticipant({DOMAIN})")
     with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path):
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=ENVIRONMENT)
