@@ -233,8 +233,7 @@ class TractionInversion:
 
 
 _THICKNESS_EXPONENT = 1.0
-"""Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load (table in
-docs/force_physics.md)."""
+"""Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load."""
 
 
 @dataclass(frozen=True)
