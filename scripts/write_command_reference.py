@@ -44,6 +44,7 @@ EXAMPLES = {
     "dataset show": "pairs",
     "import-calibration": "calibration/sensor_1 --out imported",
     "export-calibration": "--sensor my_sensor --out calibration/sensor_1",
+    "track": "press.mcap --out path.csv",
     "train": "--data pairs --out training",
     "model card": "--model training/model.onnx",
     "model make": "--out first",
