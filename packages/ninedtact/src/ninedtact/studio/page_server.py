@@ -17,6 +17,7 @@ from contextlib import closing, contextmanager
 from functools import partial
 from html import escape
 from http.client import HTTPConnection
+from importlib.resources import files
 from secrets import token_urlsafe
 from typing import Any
 
@@ -202,17 +203,25 @@ def page_server(guard: SocketGuard, port: int | None = 0) -> Iterator[PageServer
         server.close()
 
 
+_STYLE = files("ninedtact.studio").joinpath("page_style.css")
 _PAGE_SCRIPT = """
 if (!window.pageProgram) {
   window.pageProgram = PROGRAM;
   const drop = window.URL.revokeObjectURL.bind(window.URL);
   window.URL.revokeObjectURL = (address) => setTimeout(() => drop(address), 5000);
+  const isOfGraphics = (notice) => /WebGL/.test(notice.querySelector('.mantine-Notification-title')?.innerText);
+  setInterval(() => [...document.querySelectorAll('.mantine-Notification-root')].filter(isOfGraphics).forEach((notice) => {
+    if (notice.seen) notice.querySelector('button')?.click();
+    notice.seen = true;
+  }), 8000);
 } else if (window.pageProgram !== PROGRAM) location.reload();
 """
-"""Corrects two errors of the page of viser 1.1.
+"""Corrects three errors of the page of viser 1.1.
 
 The page drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it, the browser
 reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one. So the data are kept for five seconds.
+
+Its notices about the graphics card stay until they are closed by hand, so they are closed after 8 to 16 seconds.
 
 A browser that was connected to an earlier program at the same address connects to this one with the layout of the earlier page. So
 it loads the page again.
@@ -227,6 +236,7 @@ _PAGE_ICON = (
 def prepare_page(server: PageServer, title: str) -> None:
     """Give a page its title, in the tab of the browser with an icon, and nothing of viser's own."""
     server.viser.gui.configure_theme(show_logo=False, show_share_button=False)
+    server.viser.gui.add_html(f"<style>{_STYLE.read_text()}</style>")
     server.viser.gui.set_panel_label(title)
     script = (
         f"document.title = {json.dumps(f'{title} · 9DTact')}; const icon = document.querySelector('link[rel~=icon]') || "

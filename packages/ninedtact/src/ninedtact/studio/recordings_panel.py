@@ -168,7 +168,7 @@ class RecordingsPanel:
             self._record = gui.add_button("Record", icon=Icon.PLAYER_RECORD, color="red", hint=f"into {recorder.out}")
             self._recorded = gui.add_html("")
             self._live_label = gui.add_text("label", "", hint="the name of what is being pressed, for example")
-            self._live_begin = gui.add_button("Begin label", icon=Icon.TAG, color="gray")
+            self._live_begin = gui.add_button("Begin label", icon=Icon.TAG)
             self._record.on_click(lambda event: self._toggle_record(recorder))
             self._live_begin.on_click(lambda event: self._toggle_label(recorder))
 

@@ -50,6 +50,7 @@ class ImagesPanel:
 
     def build(self, gui: GuiApi) -> None:
         """Add both images under their menus."""
+        gui.add_html("<span data-two-images></span>")
         self._legends = []
         for slot, kind in enumerate(self._viewer.options.images):
             menu = gui.add_dropdown(f"image {slot + 1}", [str(choice) for choice in ImageKind], initial_value=str(kind))

@@ -37,11 +37,8 @@ NARROW_PX = 600
 """Width of a browser below which it is a phone: viser then shows its panel at the bottom."""
 PHONE_PANEL_SHARE = 0.6
 """Share of the height of a phone that viser's panel covers, at the bottom."""
-PHONE_STYLE = (
-    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
-    "{ width: 100% !important; } }</style>"
-)
-"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
+TALL_PX = 860
+"""Height of a browser from which curves stand below the images and wrenches among the controls; below, they are tabs."""
 
 
 def add_theme_choice(client: ClientHandle) -> None:
@@ -124,6 +121,7 @@ class ViewerPage:
         self.client, self.controller, self.block = client, controller, block
         self._passed_messages, self._passed_before = passed_messages, -1
         self.is_narrow = client.camera.image_width < NARROW_PX
+        self.is_tall = client.camera.image_height >= TALL_PX and not self.is_narrow
         self.is_shared = len(controller.sensors) > 1
         """Whether the page has several sensors."""
         sensor = None if self.is_shared and not self.is_narrow else 0
@@ -242,11 +240,9 @@ class ViewerPage:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
         self._beat = gui.add_html("", visible=False)  # so that every moment is at least one message
-        if self.is_narrow:
-            gui.add_html(PHONE_STYLE)
         columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
         for panel in sorted(self._panels, key=lambda panel: bool(panel.title)) if self.is_narrow else self._panels:
-            side: Side = "right" if self.is_narrow else panel.side
+            side: Side = "right" if self.is_narrow else panel.side if self.is_tall or panel.side == "right" else "left"
             if side == "right" and not panel.title:
                 panel.build(gui)
                 continue
