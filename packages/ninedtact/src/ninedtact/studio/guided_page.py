@@ -165,7 +165,7 @@ class _CameraChoiceControls:
         self._follower = ControlFollower()
         on_user_change(self._camera, self._choose_camera)
         on_user_change(self._exposure, self._set_exposure)
-        self._brighter.on_click(self._brighten)
+        on_user_change(self._brighter, self._brighten)
 
     def show(self, state: GuidedState) -> None:
         """Show the camera and its exposure in the preview, and nothing of them afterwards."""

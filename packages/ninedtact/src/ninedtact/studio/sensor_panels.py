@@ -14,7 +14,7 @@ from ninedtact.studio.page_cards import (
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment, SensorMoment
 from ninedtact.studio.sensor_group import group_wrench_table_html, sensor_group_status_html
-from ninedtact.studio.viewer import Side, ViewerPage
+from ninedtact.studio.viewer import Side, ViewerPage, on_user_change
 
 SIDE_BY_SIDE = "all side by side"
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
@@ -45,10 +45,11 @@ class StatusPanel:
                 initial_value=SIDE_BY_SIDE if viewer.options.sensor is None else names[viewer.options.sensor],
                 hint="what the views show",
             )
-            shown.on_update(
+            on_user_change(
+                shown,
                 lambda event: viewer.choose(
                     sensor=names.index(event.target.value) if event.target.value in names else None
-                )
+                ),
             )
         self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")

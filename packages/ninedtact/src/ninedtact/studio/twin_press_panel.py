@@ -9,7 +9,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent
+from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent, UploadedFile
 from viser.transforms import SO3
 
 from ninedtact.mechanics.pose import Pose
@@ -206,8 +206,10 @@ class TwinPressPanel:
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
         unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
         placement = MeshPlacement(unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FIT_MM if unit == FIT else None)
+        file = event.target.value
+        if not isinstance(file, UploadedFile):  # any other value, which only a program can send
+            return
         with self._viewer.notify_refusal("Mesh not taken"):
-            file = event.target.value
             said = {control.upload(file.name, file.content, placement) for control in self._pressed}
             self._viewer.notify("Mesh taken", " ".join(said), "green")
 
