@@ -33,6 +33,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
     before = set(threading.enumerate())
     camera, tab, asked = SkinCamera(), browser.new_page(viewport={"width": 900, "height": 500}), set()
     errors = page_errors(tab)
+    tab.unroute("**/drawn/**")
     tab.set_default_timeout(PATIENCE_S * 1000)
     tab.on("request", lambda request: asked.add(request.url.split("/")[2] if "//" in request.url else ""))
     source = ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0)

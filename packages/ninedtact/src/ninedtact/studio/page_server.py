@@ -254,7 +254,6 @@ if (!window.pageProgram) {
     told = moment;
     await Promise.all([...document.images].filter((image) => !image.complete).map((image) => image.decode().catch(() => 0)));
     await painted();
-    await painted();
     fetch(location.pathname.replace(/\\/?$/, '/drawn/') + moment, {cache: 'no-store'}).catch(() => 0);
   };
   new MutationObserver(tell).observe(document.body, {subtree: true, childList: true});
