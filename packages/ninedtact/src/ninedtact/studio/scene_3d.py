@@ -258,7 +258,7 @@ class SkinScene:
             self._indenter = press.indenter
             vertices, faces = indenter_underside_mesh(press.indenter)
             self._object = self._scene.add_mesh_simple(
-                f"{self._at}/object", vertices, faces, color=OBJECT, opacity=OBJECT_OPACITY, side="double"
+                f"{self._at}/object", vertices, faces, color=OBJECT, opacity=OBJECT_OPACITY, side="front"
             )
         self._object.position = tuple(press.pose.origin_mm.tolist())
         self._object.wxyz = SO3.from_matrix(np.asarray(press.pose.rotation)).wxyz
@@ -286,7 +286,7 @@ class SkinScene:
 
 OBJECT_OPACITY = 0.5
 """Lets the contact be seen through the object."""
-OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.25, 14.0, 3.0
+OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.3, 14.0, 3.0
 """Spacing of the drawn points of an object, half of the drawn square, and the height above its lowest point up to which it is
 drawn."""
 
