@@ -257,7 +257,7 @@ if (!window.pageProgram) {
     fetch(location.pathname.replace(/\\/?$/, '/drawn/') + moment, {cache: 'no-store'}).catch(() => 0);
   };
   new MutationObserver(tell).observe(document.body, {subtree: true, childList: true});
-  const isOfGraphics = (notice) => /WebGL/.test(notice.querySelector('.mantine-Notification-title')?.innerText);
+  const isOfGraphics = (notice) => /Software WebGL/.test(notice.querySelector('.mantine-Notification-title')?.innerText);
   setInterval(() => [...document.querySelectorAll('.mantine-Notification-root')].filter(isOfGraphics).forEach((notice) => {
     if (notice.seen) notice.querySelector('button')?.click();
     notice.seen = true;
@@ -269,7 +269,7 @@ if (!window.pageProgram) {
 The page drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it, the browser
 reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one. So the data are kept for five seconds.
 
-Its notices about the graphics card stay until they are closed by hand, so they are closed after 8 to 16 seconds.
+Its notice that there is no graphics card stays until it is closed by hand, so it is closed after 8 to 16 seconds.
 
 A browser that was connected to an earlier program at the same address connects to this one with the layout of the earlier page. So
 it loads the page again.
