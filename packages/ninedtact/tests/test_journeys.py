@@ -74,7 +74,8 @@ def test_reconstruct_gives_a_ball_of_the_right_size(
     told = json.loads(capsys.readouterr().out)["images"][0]
     assert told["max_indentation_mm"] == pytest.approx(2.15, abs=0.1)
     depth_mm = told["max_indentation_mm"]
-    assert told["contact_area_mm2"] == pytest.approx(np.pi * (2 * 4.0 * depth_mm - depth_mm**2), rel=0.1)
+    section_mm2 = np.pi * (2 * 4.0 * depth_mm - depth_mm**2)  # the skin leaves a ball before it is level
+    assert told["contact_area_mm2"] == pytest.approx(0.9 * section_mm2, rel=0.05)
     assert all(Path(file).stat().st_size > 1000 for file in told["files"].values())
     points = np.asarray(trimesh.load(told["files"]["ply"]).vertices)
     assert sphere_radius(points[points[:, 2] < -0.4]) == pytest.approx(4.0, abs=0.15)

@@ -15,8 +15,8 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.shape.export import read_height_png
-from ninedtact.shape.surface import max_indentation_mm
-from ninedtact.simulation.ground_truth import true_height_map_like
+from ninedtact.shape.surface import contact_mask, max_indentation_mm, summarise_shape
+from ninedtact.simulation.ground_truth import true_height_map_like, true_pressure_map_mpa
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import ObjectTrajectory
 from ninedtact.simulation.trajectory import ScriptedPress, press_trajectory
@@ -165,6 +165,32 @@ def test_objects_of_all_shapes_are_read_as_deep_as_they_are(physical_sensor: Sen
     assert deepest_mm == pytest.approx(true_mm, abs=max(0.05 * true_mm, 0.018))
     assert abs(deepest_mm - true_mm) < 2 * reader.max_indentation_error_mm(deepest_mm)
     assert np.abs(seen.z_mm - true.z_mm)[true.z_mm < -0.05].mean() < 0.035
+
+
+TOUCHED = {"ball:4": (1.2, 0.93), "punch:3,0.3": (0.8, 1.23), "key_01": (0.5, 1.40)}
+"""Depth in mm of presses, and the ratio of their measured area of contact to the true one: edges are rounded by the gel."""
+
+
+@pytest.mark.parametrize("name", TOUCHED)
+def test_a_drag_changes_neither_the_area_nor_the_outline_of_what_touches(
+    physical_sensor: SensorFolder, name: str
+) -> None:
+    twin, shape, (depth_mm, ratio) = physical_sensor.twin(), physical_sensor.shape, TOUCHED[name]
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, number)) for number in range(10, 20)))
+    areas_mm2 = []
+    for drag_mm in ((0.0, 0.0), (2.0, 1.0), (0.0, -1.5)):
+        press = ScriptedPress(depth_mm, drag_mm=drag_mm)
+        contact = press.simulate(twin, indenter_from_name(name))
+        height = reader(shape.rectify(Frame(twin.renderer(contact, 5))))
+        touched = contact_mask(height)
+        areas_mm2.append(summarise_shape(height, touched=touched).contact_area_mm2)
+        pressure_mpa = true_pressure_map_mpa(contact, height.z_mm.shape, height.mm_per_px)
+        assert float(cv2.distanceTransform((pressure_mpa <= 0).astype(np.uint8), cv2.DIST_L2, 5)[touched].max()) < (
+            0.8 / height.mm_per_px
+        ), "nothing is touched beside the object"
+    true_mm2 = (np.asarray(contact.pressure_mpa) > 0).sum() * contact.skin.grid.cell_area_mm2
+    assert areas_mm2[0] == pytest.approx(ratio * true_mm2, rel=0.05)
+    assert areas_mm2 == pytest.approx([areas_mm2[0]] * 3, rel=0.05)
 
 
 def one_short_act() -> list[ObjectTrajectory]:

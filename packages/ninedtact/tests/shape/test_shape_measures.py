@@ -2,20 +2,20 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
-from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, skin, with_hole
+from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, grid, skin, with_hole
 
 from ninedtact.quantities import HeightSource
 from ninedtact.shape.coloured_height_map import shape_summary_sentence
-from ninedtact.shape.surface import ContactRule, summarise_shape
+from ninedtact.shape.surface import contact_mask, summarise_shape
 
 
 @pytest.mark.parametrize("camera_mm", [np.inf, 20.0])
 def test_the_print_of_a_ball_measures_as_a_spherical_cap(camera_mm):
-    summary = summarise_shape(
-        ball_print(at=(1.5, -1.0), camera_mm=camera_mm), ContactRule(at_least_mm=0.0, noise_factor=0.0)
-    )
+    height = ball_print(at=(1.5, -1.0), camera_mm=camera_mm)
+    summary = summarise_shape(height, touched=height.z_mm < 0)
     assert summary.max_indentation_mm == pytest.approx(DEPTH_MM - 0.003, abs=1e-3)  # a mean over 0.4 mm
     assert summary.contact_area_mm2 == pytest.approx(np.pi * DEPTH_MM * (2 * RADIUS_MM - DEPTH_MM), rel=4e-3)
     assert summary.displaced_volume_mm3 == pytest.approx(np.pi * DEPTH_MM**2 * (RADIUS_MM - DEPTH_MM / 3), rel=1e-3)
@@ -36,8 +36,30 @@ def test_a_loss_of_light_far_from_a_deep_press_is_no_contact_but_a_second_press_
     two = np.minimum(print_alone.z_mm, ball_print(at=(6.0, 0.0)).z_mm * 0.5)
     dimmed = two.copy()
     dimmed[:40, :] -= 0.15 * DEPTH_MM
-    assert summarise_shape(skin(dimmed)).contact_area_mm2 == pytest.approx(summarise_shape(skin(two)).contact_area_mm2)
+    assert summarise_shape(skin(dimmed)).contact_area_mm2 == pytest.approx(
+        summarise_shape(skin(two)).contact_area_mm2, rel=1e-3
+    )
     assert summarise_shape(skin(two)).contact_area_mm2 > 1.9 * summarise_shape(print_alone).contact_area_mm2
+
+
+@pytest.mark.parametrize("half_px", [6, 60, 400])
+def test_a_flat_face_of_any_size_is_in_contact_to_its_edge(half_px: int) -> None:
+    rows, cols = np.indices((345, 460))
+    inside = (np.abs(rows - 172) <= half_px) & (np.abs(cols - 230) <= half_px)
+    noise = np.random.default_rng(0).normal(0, 0.01, inside.shape)
+    found = contact_mask(skin(-0.8 * inside + noise, noise_mm=0.01))
+    off_px = 4  # the edges are found on blocks of 0.2 mm
+    deep_inside = (np.abs(rows - 172) <= half_px - off_px) & (np.abs(cols - 230) <= half_px - off_px)
+    assert found[deep_inside].all() and not found[cv2.dilate(inside.astype(np.uint8), np.ones((9, 9))) == 0].any()
+
+
+@pytest.mark.parametrize("touched_mm", [0.06, 0.8])
+def test_a_wide_slope_beside_a_contact_is_no_contact(touched_mm: float) -> None:
+    x, y = grid(345, 460)
+    dragged_mm = 0.3 * np.clip(-x, 0, 6) / 6 * np.exp(-((y / 4) ** 2)) * (x > -9)
+    dent_mm = np.maximum(touched_mm - (x**2 + y**2) / 8, 0)
+    alone, both = (contact_mask(skin(-each)) for each in (dent_mm, np.maximum(dent_mm, touched_mm / 2 * dragged_mm)))
+    assert both.sum() == pytest.approx(alone.sum(), rel=0.1) and alone.any()
 
 
 def test_what_is_out_of_view_does_not_count_and_what_is_extrapolated_is_told():

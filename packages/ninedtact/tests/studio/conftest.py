@@ -32,6 +32,9 @@ DRAW_RARELY = (
 """Lets pages draw about four frames a second: without a graphics card, a frame of the 3D view takes the processor from all else."""
 
 
+TOLD_MOMENTS = "**/drawn/**"
+
+
 @pytest.fixture(scope="module")
 def started_browser() -> Iterator[Browser]:
     """One browser for all tests of a file."""
@@ -46,6 +49,8 @@ def started_browser() -> Iterator[Browser]:
         def open_calm_page(**options: Any) -> Page:
             page = open_page(**options)
             page.add_init_script(DRAW_RARELY)
+            # Such a page would be sent a moment every second. Only a test of just that lets it tell what it has drawn.
+            page.route(TOLD_MOMENTS, lambda route: route.abort())
             return page
 
         browser.new_page = open_calm_page  # type: ignore[method-assign]

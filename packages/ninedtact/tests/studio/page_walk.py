@@ -102,6 +102,7 @@ def _use(tab: Any, control: dict[str, Any], refresh: Callable[[], None], used: s
 
 CHOOSE = """async ([key, used]) => {
   const menu = [...document.querySelectorAll('input')].find(each => each.dataset.walk === key);
+  menu.scrollIntoView({block: 'center'});  // a menu that is out of sight shows no options
   const shown = () => [...document.querySelectorAll('[role=option]')].filter(each => each.checkVisibility());
   for (let waited = 0; !shown().length && waited < 30000; waited += 50) {
     if (waited % 3000 === 0) menu.click();

@@ -37,7 +37,8 @@ def page_errors(tab: Any) -> list[str]:
     tab.on("pageerror", lambda error: errors.append(str(error)))
 
     def keep(said: Any) -> None:
-        if said.type == "error" and "WebSocket connection to" not in said.text:
+        of_ended_server = "WebSocket connection to" in said.text or "/drawn/" in str(said.location)
+        if said.type == "error" and not of_ended_server:
             errors.append(f"{said.text} {said.location}")
 
     tab.on("console", keep)

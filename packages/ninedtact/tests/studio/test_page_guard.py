@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from page_client import LOCAL, PROTOCOL, page_client, served_small_page
+from page_client import LOCAL, PROTOCOL, PageClient, page_client, served_small_page
 from playwright.sync_api import Browser
 from reading_clients import CAMERA, page_errors
 from small_calibrated_twin import TWIN as CALIBRATED_TWIN
@@ -43,7 +43,7 @@ from ninedtact.studio.page_server import PageServer, draw_unless_interrupted, pa
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import SaveQuota
-from ninedtact.studio.viewer import ViewerPage
+from ninedtact.studio.viewer import DRAWN_WITHIN_S, ViewerPage
 
 PATIENCE_S = 90.0
 PROXY = "http://robot.local:9000"
@@ -224,7 +224,9 @@ def calibration_page(guard: SocketGuard, out: Path) -> Iterator[tuple[PageServer
 
 
 @pytest.mark.parametrize(("page", "expected"), [(live_page, 20), (calibration_page, 8)])
-def test_values_that_no_person_could_choose_stop_no_page(page: Any, expected: int, tmp_path: Path) -> None:
+def test_values_that_no_person_could_choose_stop_no_page(
+    page: Any, expected: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     patient = SocketGuard("127.0.0.1", limits=SocketLimits(messages_per_s=1_000_000))
     with ExitStack() as opened:
         server, refresh = opened.enter_context(page(patient, tmp_path))
@@ -236,12 +238,68 @@ def test_values_that_no_person_could_choose_stop_no_page(page: Any, expected: in
             for value in (-1e9, 7, 0.5, "nope", "", "\x00", (0.0, 0.0), (1e9, -1e9)):
                 junk.set_value(control.uuid, value)
             refresh()
+        for uuid in (*(control.uuid for control in every), "nobody"):
+            name = {"source_component_uuid": uuid, "transfer_uuid": f"of {uuid}"}
+            for size, parts in ((0, 0), (3, 1), (4, 1), (PART_BYTES + 3, 2)):
+                junk.send(START | name | {"size_bytes": size, "part_count": parts})
+                junk.send(PART | name | {"content": b"abc"})
+                junk.send(PART | name | {"content": b"abc", "part_index": 1})
+            junk.send(CLICK | {"ray_direction": (0.0,) * 3, "ray_origin": (1e9,) * 3, "screen_pos": []})
+            junk.send(CLICK | {"ray_direction": (1.0, 0, 1e-9), "modifier": uuid[:200]})
+            junk.send(CLICK | {"screen_pos": [(0.5, 0.5)] * 2})
+            junk.send({"type": "CommandTriggerMessage", "uuid": uuid})
+            junk.send(HANDLE | {"wxyz": (0.0,) * 4, "name": uuid})
+        refresh()
         junk.send(CAMERA | {"wxyz": (0.0,) * 4, "position": (1e9,) * 3, "image_height": -1, "image_width": 1e9})
         junk.socket.ping().wait(PATIENCE_S)
         for dark in (True, False):
             other.use("dark", dark)
             newest = lambda: other.until_sent(lambda one: one["type"] == "ThemeConfigurationMessage")  # noqa: E731
             wait_until(lambda dark=dark, newest=newest: (refresh(), newest()["dark_mode"] == dark)[1])
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_a_browser_that_draws_slowly_is_sent_two_moments_ahead_and_tells_for_nobody_else(tmp_path: Path) -> None:
+    with served_small_page(tmp_path) as served, served.viewer() as (slow, _), served.viewer() as (_, other):
+
+        def mark(client: PageClient) -> tuple[str, int]:
+            found = [
+                re.search('data-moment="(.*)/(.*)"', str(getattr(one, "content", "")))
+                for one in client.controls.values()
+            ]
+            ((name, number),) = (one.groups() for one in found if one)
+            return name, int(number)
+
+        def tell(name: str, number: object) -> None:
+            own = f"Host: 127.0.0.1:{served.server.port}"
+            assert request(served.server.port, f"/drawn/{name}/{number}", (own,))[0] in (204, 400)
+
+        wait_until(
+            lambda: served.refresh() and "<i hidden data-moment" in str([vars(one) for one in slow.controls.values()])
+        )
+        name, number = mark(slow)
+        for nobody, forged in (
+            ("nobody", 10**9),
+            (name, "x"),
+            (name, -1),
+            (name, 10**20),
+            (name, "1/2"),
+            (f"{name}x", 1),
+        ):
+            tell(nobody, forged)
+        assert served.server.drawn_moments.last(name) == 0
+        tell(name, number)
+        began_s, before = time.monotonic(), other.moment
+        wait_until(lambda: served.refresh() and mark(slow)[1] > number)
+        for _ in range(20):
+            served.refresh()
+            time.sleep(0.01)
+        if time.monotonic() - began_s < DRAWN_WITHIN_S:  # else this computer is too slow to tell
+            assert mark(slow)[1] <= number + 2 and other.moment is not before
+        ahead = mark(slow)[1]
+        wait_until(
+            lambda: served.refresh() and mark(slow)[1] > ahead
+        )  # as to a tab that is hidden, which draws nothing
 
 
 class FailingPanel:

@@ -93,7 +93,7 @@ class Bench:
             WrenchHistory("estimated", "", states_errors=True),
         )
         self.quota = SaveQuota(per_minute=100, disk_share=share)
-        recorded = RecordedSensorMetadata(self.folder, "bench", "of the bench", has_estimates=True)
+        recorded = RecordedSensorMetadata(self.folder, "bench", "of the bench", True, ("±27%, an unknown gel",))
         self.recorder = self.quota.new_recorder([recorded], out)
         self.camera = SkinCamera()
         self.sensor = sensor_on(self.camera)
@@ -157,6 +157,7 @@ def test_every_moment_of_a_recording_is_the_one_that_the_page_had(recorded: tupl
         np.testing.assert_allclose(moment.reading.height.z_mm, kept.height.z_mm, atol=0.0006)
         true, estimated = moment.wrenches
         assert true.sample is not None and estimated.sample is not None
+        assert (true.notices, estimated.notices) == ((), ("±27%, an unknown gel",))
         assert estimated.sample.wrench.stamp_ns == kept.stamp_ns and estimated.sample.warnings == kept.force.warnings
         np.testing.assert_allclose(estimated.sample.wrench.six, kept.force.wrench.six)
         np.testing.assert_allclose(estimated.sample.std, kept.force.std)

@@ -75,6 +75,7 @@ def serve_sensor_page(
                 part.live.sensor.source.name,
                 "" if part.live.true_wrench is None else TRUE_WRENCH_MEANING,
                 part.estimates_force,
+                part.live.sensor.estimator.notices,
                 part.name,
             )
             for part in parts

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
+from ninedtact.shape.surface import connected_parts_with
 
 View = Float32[Array, "rows cols"]
 ContactTest = Callable[[Reading], bool]
@@ -165,7 +166,7 @@ def find_contact_region(
     level_mm = float(np.clip(np.median(z_mm[in_view > 0]), -settings.level_fraction * max_depth_mm, 0))
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
     dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
-    return np.asarray(cv2.dilate((_connected_parts_with(pressed, deep) | dark).astype(np.float32), _RIM))
+    return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
 
 
 def pressure_reaches_unseen(pressure: View, in_view: View) -> bool:
@@ -226,13 +227,3 @@ def _average_over_cells(field: View, mm_per_px: float) -> Float32[Array, "few_ro
     """Return the means of a field over square cells of about half a millimetre."""
     rows, cols = (max(round(side * mm_per_px / _CELL_MM), 1) for side in field.shape)
     return np.asarray(cv2.resize(field, (cols, rows), interpolation=cv2.INTER_AREA))
-
-
-def _connected_parts_with(
-    region: Bool[Array, "rows cols"], marks: Bool[Array, "rows cols"]
-) -> Bool[Array, "rows cols"]:
-    """Return the connected parts of a region that hold a mark."""
-    count, label = cv2.connectedComponents(region.astype(np.uint8), connectivity=4)
-    is_marked = np.zeros(count, bool)
-    is_marked[label[marks & region]] = True
-    return is_marked[label]

@@ -76,7 +76,8 @@ class SensorOnRos2:
 
     def __post_init__(self) -> None:
         meaning = "" if self.measured is None else self.measured_meaning or self.measured.name
-        recorded = RecordedSensorMetadata(self.messages.folder, self.sensor.source.name, meaning, has_estimates=True)
+        notices = self.sensor.estimator.notices
+        recorded = RecordedSensorMetadata(self.messages.folder, self.sensor.source.name, meaning, True, notices)
         self._recorder = ReadingRecorder([recorded], self.out, "ros2")
         make = self.participant.writer
         self._writers = {

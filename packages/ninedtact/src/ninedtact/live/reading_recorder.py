@@ -36,6 +36,8 @@ class RecordedSensorMetadata:
     force_torque: str = ""
     """Where the measured wrenches come from, in words; empty where none are recorded."""
     has_estimates: bool = False
+    estimate_notices: tuple[str, ...] = ()
+    """What a person must know of every estimate."""
     name: str = ""
     """Name among several sensors."""
 
@@ -134,6 +136,7 @@ class ReadingRecorder:
         writers: list[RecordingWriter] = []
         for one in self.sensors:
             said = replace(first, name=one.name, source=one.source, force_torque=one.force_torque)
+            said = replace(said, estimate_notices="; ".join(one.estimate_notices))
             topics = {Topic.IMAGES, Topic.REFERENCE_GREY, *self._topics}
             topics |= {Topic.MEASURED} if one.force_torque else set()
             topics |= ESTIMATE_TOPICS if one.has_estimates else set()

@@ -68,6 +68,8 @@ class RecordingMetadata:
     """Delay of the camera that was subtracted from the arrival times of its images; their stamps are times of exposure then."""
     name: Annotated[str, Meta(pattern=r"^\w*$")] = ""
     """Name of the sensor among several of one recording, such as left; empty in a recording of one sensor."""
+    estimate_notices: str = ""
+    """What a person must know of every recorded estimate, in words, such as the error of an unknown gel."""
     software: str = __version__
     """Version of the package that made the recording."""
     id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{token_hex(2)}")
@@ -86,9 +88,15 @@ class RecordingMetadata:
 
     def to_mcap_metadata(self) -> dict[str, str]:
         """Return the format number and all fields as strings by name, as MCAP keeps them, with their checksum; no empty name."""
-        stated = {name: printable_text(str(value)) for name, value in asdict(self).items() if name != "name" or value}
+        stated = {
+            name: printable_text(str(value)) for name, value in asdict(self).items() if name not in _ABSENT or value
+        }
         values = {"format": str(RECORDING_FORMAT), **stated}
         return {**values, CHECKSUM_KEY: mapping_checksum(values)}
+
+
+_ABSENT = {"name": "", "estimate_notices": ""}
+"""Fields that are not stored where they are empty."""
 
 
 def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> RecordingMetadata:
@@ -113,7 +121,7 @@ def parse_recording_metadata(metadata: Mapping[str, str], name: str) -> Recordin
             got="other values than its checksum",
             remedy="restore it from a copy",
         )
-    stated = {"name": "", **metadata}
+    stated = {**_ABSENT, **metadata}
     missing = [entry.name for entry in fields(RecordingMetadata) if entry.name not in stated]
     try:
         if missing:

@@ -178,6 +178,7 @@ def _new_recorder(
         source=part.source.name,
         force_torque=force_torque.name if force_torque else "",
         camera_delay_ms=part.camera_delay_ms,
+        estimate_notices="; ".join(part.estimator.notices),
     )
     writer = new_sensor_writer(out, sensor, metadata, topics, notify, beside)
     camera = DelayCorrectedSource(part.source, part.camera_delay_ms) if part.camera_delay_ms else part.source

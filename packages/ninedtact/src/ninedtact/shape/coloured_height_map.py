@@ -191,11 +191,8 @@ BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRA
 def draw_height_map_figure(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """Return a PNG with the height map as the camera sees it, axes and heights in mm, and contour lines inside the contact."""
     scale = fit_colour_scale(height)
-    edge = format_with_minus_sign(-round(ContactRule().threshold_mm(height.noise_mm), 3))
     colours = colourise_heights(height, scale)[..., ::-1]
-    return draw_map_page(
-        height, title, colours, scale, f"dark line: edge of the contact, {edge} mm", _draw_contour_lines
-    )
+    return draw_map_page(height, title, colours, scale, "dark line: edge of the contact", _draw_contour_lines)
 
 
 def draw_map_page(
@@ -259,9 +256,8 @@ def _draw_contour_lines(axes: "Axes", height: HeightMap, scale: ColourScale) -> 
     if levels:
         lines = axes.contour(x, y, z_mm, levels, colors=colours, linewidths=0.8, linestyles="solid", alpha=0.8)
         axes.clabel(lines, fmt=format_with_minus_sign, fontsize=8)
-    near_contact = cv2.dilate(contact_mask(height).astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-    z_there = np.ma.masked_where(~near_contact, z_mm)
-    axes.contour(x, y, z_there, [-threshold], colors=INK, linewidths=1.2, linestyles="solid")
+    contact = cv2.GaussianBlur(contact_mask(height).astype(np.float32), (0, 0), LINE_SMOOTHING_PX)
+    axes.contour(x, y, contact, [0.5], colors=INK, linewidths=1.2, linestyles="solid")
 
 
 def _draw_range(axes: "Axes", height: HeightMap) -> None:

@@ -191,7 +191,12 @@ def _mean_step(z_mm: Float32[Array, "n 3 3"], in_view: Bool[Array, "n 3 3"]) -> 
 
 @dataclass(frozen=True)
 class ContactRule:
-    """The rule of which pixels are in contact: those beyond a threshold, in a connected region that somewhere is deep enough."""
+    """The rule of which pixels are in contact: those beyond a threshold at which the skin is hollow, in a connected region that
+    somewhere is deep enough.
+
+    Skin is hollow, lower than the mean of its surroundings, where an object holds it down. Free skin that friction drags down
+    behind an object, or that hangs between two parts of it, is not.
+    """
 
     at_least_mm: float = 0.05
     """Smallest threshold. It exceeds the apparent height of slow drift of the light and of the gel, and is one fiftieth of the
@@ -203,6 +208,10 @@ class ContactRule:
     """Fraction of the maximum indentation that a region must reach. A deep press takes light away from the whole image, which looks
     like a shallow press far from it: up to 0.3 mm in the corners of a real image whose ball is 2 mm deep.
     """
+    hollow_share: float = 0.03
+    """Fraction of the maximum indentation by which hollow skin is lower, and free skin beside it higher, than its surroundings."""
+    hollow_threshold_share: float = 0.1
+    """The same of the threshold, which matters for light contacts: means over the surroundings have a tenth of the noise."""
 
     def threshold_mm(self, noise_mm: float) -> float:
         """Return the larger of the two thresholds."""
@@ -263,13 +272,66 @@ def summarise_shape(
 
 
 def contact_mask(height: HeightMap, rule: ContactRule = ContactRule()) -> Bool[Array, "rows cols"]:
-    """Return the pixels at which the skin is indented by more than drift, noise and loss of light explain."""
+    """Return the pixels at which an object holds the skin down by more than drift, noise and loss of light explain."""
     beyond = height.in_view & (height.z_mm < -rule.threshold_mm(height.noise_mm))
-    deep = beyond & (height.z_mm <= -rule.share_of_deepest * max_indentation_mm(height))
-    regions, number = cv2.connectedComponents(beyond.astype(np.uint8), connectivity=8)
-    touched = np.zeros(regions, bool)
-    touched[number[deep]] = True
-    return np.asarray(touched[number])
+    return beyond & _is_held_down(height, rule) if beyond.any() else beyond
+
+
+_BLOCK_MM = 0.2
+"""Side of the blocks on which held skin is found."""
+_NARROW_MM, _WIDE_MM = 0.15, 1.0
+"""Standard deviations of two Gaussians; the difference of the heights that they average is the depth of a hollow. The narrow one
+removes noise; the wide one is narrower than what friction drags down, which is about as wide as the gel is thick.
+"""
+
+
+def _is_held_down(height: HeightMap, rule: ContactRule) -> Bool[Array, "rows cols"]:
+    """Return where the skin is hollow, or level inside hollow rims as under a flat face, in regions that are deep enough.
+
+    Level skin that adjoins skin above the mean of its surroundings is free: between an object and skin at rest there is such skin.
+    """
+    side = max(round(_BLOCK_MM / height.mm_per_px), 1)
+    z_mm, wide_mm = _means_around(height, side, _NARROW_MM), _means_around(height, 2 * side, _WIDE_MM)
+    rows, cols = z_mm.shape
+    hollow_mm = cv2.resize(wide_mm, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[:rows, :cols] - z_mm
+    threshold_mm, deepest_mm = rule.threshold_mm(height.noise_mm), max_indentation_mm(height)
+    least_mm = max(rule.hollow_share * deepest_mm, rule.hollow_threshold_share * threshold_mm)
+    pressed, deep = z_mm < -threshold_mm, z_mm <= -rule.share_of_deepest * deepest_mm
+    free = connected_parts_with(pressed & (hollow_mm <= least_mm), _widened(hollow_mm < -least_mm))
+    held = connected_parts_with(pressed & ~free, deep)
+    # Interpolated between blocks, the edge is smooth: it lies where the skin beside a held region begins to be free.
+    hollow_mm[held] = np.maximum(hollow_mm[held], 0)
+    hollow_mm[~_widened(_widened(held))] = -deepest_mm
+    on_pixels = cv2.resize(hollow_mm, (cols * side, rows * side), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(on_pixels[: height.z_mm.shape[0], : height.z_mm.shape[1]] > -least_mm)
+
+
+def _means_around(height: HeightMap, side: int, sigma_mm: float) -> Grid:
+    """Return on blocks of pixels the mean height around each, over what is in view."""
+    seen, sigma = height.in_view, sigma_mm / (side * height.mm_per_px)
+    if seen.all():
+        return np.asarray(
+            cv2.GaussianBlur(block_means(height.z_mm, side), (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        )
+    z_mm, weight = (
+        cv2.GaussianBlur(block_means(field, side), (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        for field in (np.where(seen, height.z_mm, np.float32(0)), seen.astype(np.float32))
+    )
+    return np.asarray(z_mm / np.maximum(weight, np.float32(1e-6)))
+
+
+def _widened(mask: Bool[Array, "rows cols"]) -> Bool[Array, "rows cols"]:
+    return np.asarray(cv2.dilate(mask.view(np.uint8), _NEIGHBOURHOOD).view(bool))
+
+
+def connected_parts_with(
+    mask: Bool[Array, "rows cols"], marks: Bool[Array, "rows cols"], neighbours: int = 8
+) -> Bool[Array, "rows cols"]:
+    """Return the connected parts of a mask that hold a mark; pixels are connected to 4 or 8 neighbours."""
+    count, part = cv2.connectedComponents(mask.view(np.uint8), connectivity=neighbours)
+    is_marked = np.zeros(count, bool)
+    is_marked[part[mask & marks]] = True
+    return np.asarray(is_marked[part])
 
 
 _PATCH_MM = 0.4

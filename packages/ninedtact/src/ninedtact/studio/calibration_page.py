@@ -123,7 +123,9 @@ class CalibrationPage:
             tilt = self._tilt_x.value, self._tilt_y.value
             self._presses.hold(replace(simulated.held, depth_mm=self._depth.value, tilt_deg=tilt))
 
-        hold.on_click(lambda event: self._presses.hold(simulated.good_press(hold.value.replace(" ", "_"))))
+        on_user_change(
+            hold, lambda event: self._presses.hold(simulated.good_press(event.target.value.replace(" ", "_")))
+        )
         for slider in (self._depth, self._tilt_x, self._tilt_y):
             on_user_change(slider, move)
 

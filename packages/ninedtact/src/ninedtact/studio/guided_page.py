@@ -27,7 +27,6 @@ from ninedtact.studio.scene_3d import LIGHT
 from ninedtact.studio.viewer import (
     NARROW_PX,
     NOTICE_S,
-    PHONE_STYLE,
     ControlFollower,
     add_theme_choice,
     on_user_change,
@@ -105,7 +104,7 @@ class GuidedPageLayout:
             what = Instruction("No images arrive.", state.camera_trouble, "lost")
         elif state.is_preview:
             what = replace(what, sentence="Choose the camera of the sensor.")
-        self._steps.content = PHONE_STYLE + _TALL_PHONE_STYLE + card_html("steps", names=steps, done=done)
+        self._steps.content = _TALL_PHONE_STYLE + card_html("steps", names=steps, done=done)
         self._instruction.content = card_html("instruction", **vars(what))
         self._camera.show(state)
         drawn = id(state.image), id(pins)
@@ -166,7 +165,7 @@ class _CameraChoiceControls:
         self._follower = ControlFollower()
         on_user_change(self._camera, self._choose_camera)
         on_user_change(self._exposure, self._set_exposure)
-        self._brighter.on_click(self._brighten)
+        on_user_change(self._brighter, self._brighten)
 
     def show(self, state: GuidedState) -> None:
         """Show the camera and its exposure in the preview, and nothing of them afterwards."""

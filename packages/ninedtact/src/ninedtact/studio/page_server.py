@@ -10,6 +10,7 @@ user of this computer out, who can list its open ports; docs/live_page.md says w
 import asyncio
 import errno
 import json
+import re
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +18,7 @@ from contextlib import closing, contextmanager
 from functools import partial
 from html import escape
 from http.client import HTTPConnection
+from importlib.resources import files
 from secrets import token_urlsafe
 from typing import Any
 
@@ -48,7 +50,39 @@ _FETCHED_WITHIN_S = 30.0
 _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """What a page of this version of viser states when it connects."""
 _DROPPED = "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently"
+_DRAWN = "/drawn/"
+"""Begins the path with which a browser tells what it has drawn."""
 _PASSED_ON = ("Content-Type", "Content-Encoding")
+
+
+class DrawnMoments:
+    """The last moment that each browser has drawn, which the script of the page tells the front with a request.
+
+    The network answers for a browser that is too slow to draw what arrives, so that what has been received tells nothing.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[str, int] = {}
+
+    def begin(self) -> str:
+        """Return a name for one more browser, which nobody guesses."""
+        name = token_urlsafe()
+        self._last[name] = 0
+        return name
+
+    def end(self, name: str) -> None:
+        """Forget a browser that has left."""
+        self._last.pop(name, None)
+
+    def last(self, name: str) -> int:
+        """Return the number of the last moment that a browser has drawn; 0 for one that has not told any, as a program does."""
+        return self._last.get(name, 0)
+
+    def note(self, mark: str) -> None:
+        """Note what a browser tells: its name and the number of a moment."""
+        name, _, number = mark.partition("/")
+        if name in self._last and re.fullmatch("[0-9]{1,15}", number):
+            self._last[name] = max(self._last[name], int(number))
 
 
 class PageServer:
@@ -60,6 +94,7 @@ class PageServer:
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)  # a viewer has just left
         self._guard, self._address = guard, hidden_loopback_address()
         self.viser, self.port = viser.ViserServer(host=self._address, port=0, label="9DTact", verbose=False), 0
+        self.drawn_moments = DrawnMoments()
         self._front: Server | None = None
         self._browsers: dict[int, GuardedConnection] = {}
         self._introduced: asyncio.Future[int] | None = None
@@ -107,9 +142,12 @@ class PageServer:
         )
 
     async def _fetch(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Return a file of viser's page; None for a WebSocket."""
+        """Return a file of viser's page, or note a moment that a browser has drawn; None for a WebSocket."""
         if request.headers.get("Upgrade") == "websocket":
             return None
+        if request.path.startswith(_DRAWN):
+            self.drawn_moments.note(request.path.removeprefix(_DRAWN))
+            return Response(204, "No Content", Headers({"Content-Length": "0"}))
         encodings = ", ".join(request.headers.get_all("Accept-Encoding"))
 
         def fetch() -> Response:
@@ -202,17 +240,36 @@ def page_server(guard: SocketGuard, port: int | None = 0) -> Iterator[PageServer
         server.close()
 
 
+_STYLE = files("ninedtact.studio").joinpath("page_style.css")
 _PAGE_SCRIPT = """
 if (!window.pageProgram) {
   window.pageProgram = PROGRAM;
   const drop = window.URL.revokeObjectURL.bind(window.URL);
   window.URL.revokeObjectURL = (address) => setTimeout(() => drop(address), 5000);
+  const painted = () => new Promise(requestAnimationFrame);
+  let told = '';
+  const tell = async () => {
+    const moment = document.querySelector('[data-moment]')?.dataset.moment;
+    if (!moment || moment === told) return;
+    told = moment;
+    await Promise.all([...document.images].filter((image) => !image.complete).map((image) => image.decode().catch(() => 0)));
+    await painted();
+    fetch(location.pathname.replace(/\\/?$/, '/drawn/') + moment, {cache: 'no-store'}).catch(() => 0);
+  };
+  new MutationObserver(tell).observe(document.body, {subtree: true, childList: true});
+  const isOfGraphics = (notice) => /Software WebGL/.test(notice.querySelector('.mantine-Notification-title')?.innerText);
+  setInterval(() => [...document.querySelectorAll('.mantine-Notification-root')].filter(isOfGraphics).forEach((notice) => {
+    if (notice.seen) notice.querySelector('button')?.click();
+    notice.seen = true;
+  }), 8000);
 } else if (window.pageProgram !== PROGRAM) location.reload();
 """
-"""Corrects two errors of the page of viser 1.1.
+"""Tells which moment has been drawn, and corrects three errors of the page of viser 1.1.
 
 The page drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it, the browser
 reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one. So the data are kept for five seconds.
+
+Its notice that there is no graphics card stays until it is closed by hand, so it is closed after 8 to 16 seconds.
 
 A browser that was connected to an earlier program at the same address connects to this one with the layout of the earlier page. So
 it loads the page again.
@@ -227,6 +284,7 @@ _PAGE_ICON = (
 def prepare_page(server: PageServer, title: str) -> None:
     """Give a page its title, in the tab of the browser with an icon, and nothing of viser's own."""
     server.viser.gui.configure_theme(show_logo=False, show_share_button=False)
+    server.viser.gui.add_html(f"<style>{_STYLE.read_text()}</style>")
     server.viser.gui.set_panel_label(title)
     script = (
         f"document.title = {json.dumps(f'{title} · 9DTact')}; const icon = document.querySelector('link[rel~=icon]') || "

@@ -202,11 +202,9 @@ class ReadingView:
 
     @cached_property
     def contact_outlines_px(self) -> list[Int32[Array, "n 1 2"]]:
-        """The edges of the contact, as columns and rows of the height map."""
+        """The edges of the contact and of the holes in it, as columns and rows of the height map."""
         mask = self.reading.contact.astype(np.uint8)
-        return [
-            np.asarray(line, np.int32) for line in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-        ]
+        return [np.asarray(line, np.int32) for line in cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]]
 
     def outline_mm(self) -> Float32[Array, "n 2 3"]:
         """Return the edges of the contact as pieces of line on the skin."""

@@ -153,7 +153,9 @@ class RecordedSensor:
         self._histories: list[WrenchHistory] = []
         for one in sources:
             meaning = "as recorded" if one.states_errors or not forces else f"as recorded: {forces}"
-            history = WrenchHistory(one.name, meaning, states_errors=one.states_errors, keeps_all=True)
+            said = self.readings.recording.metadata.estimate_notices if one.states_errors else ""
+            notices = (said,) if said else ()
+            history = WrenchHistory(one.name, meaning, notices, states_errors=one.states_errors, keeps_all=True)
             self.readings.fill(history)
             self._histories.append(history)
         self.trouble = ""

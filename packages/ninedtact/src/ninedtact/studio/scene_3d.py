@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import ceil, sqrt
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, UInt32
 from numpy import ndarray as Array
@@ -74,8 +75,8 @@ class GelBlock:
         for depth in np.arange(0, z, DEPTHS_EVERY_MM):
             yield _Mark(format_signed_tenths(-float(depth)), (-x - AWAY_MM, -y, -float(depth)))
         yield _Mark("x (mm)", (0.0, -y - 3 * AWAY_MM, -z))
-        yield _Mark("y (mm)", (x + 3 * AWAY_MM, 0.0, -z))
-        yield _Mark("z (mm)", (-x - 3 * AWAY_MM, -y, -z / 2))
+        yield _Mark("y (mm)", (x + AWAY_MM, y + AWAY_MM, -z))
+        yield _Mark("z (mm)", (-x, -y, AWAY_MM))
 
 
 def gel_block_under_skin(shape: CalibratedShape, gel: Gel) -> GelBlock:
@@ -167,7 +168,7 @@ def torque_arc_points_mm(place_mm: Float64[Array, "3"], turn_deg: float) -> Floa
 GEL, PAST = (150, 172, 196), (110, 114, 118)
 """Colours of the surface while it is current, and while it is not current."""
 EDGES, FLOOR = (120, 128, 138), (205, 210, 216)
-OUTLINE, PROFILE, TRACTION, OBJECT = (20, 20, 20), (204, 121, 167), (0, 114, 178), (90, 90, 90)
+OUTLINE, PROFILE, TRACTION, OBJECT = (20, 20, 20), (204, 121, 167), (0, 114, 178), (95, 102, 115)
 """Colours of lines and arrows on the skin, and of the object; from the palette of Okabe and Ito."""
 LIGHT, DARK = np.full((2, 2, 3), (236, 239, 242), np.uint8), np.full((2, 2, 3), (36, 38, 42), np.uint8)
 """The backgrounds of the scene."""
@@ -257,7 +258,7 @@ class SkinScene:
             self._indenter = press.indenter
             vertices, faces = indenter_underside_mesh(press.indenter)
             self._object = self._scene.add_mesh_simple(
-                f"{self._at}/object", vertices, faces, color=OBJECT, wireframe=True, opacity=0.35, side="double"
+                f"{self._at}/object", vertices, faces, color=OBJECT, opacity=OBJECT_OPACITY, side="front"
             )
         self._object.position = tuple(press.pose.origin_mm.tolist())
         self._object.wxyz = SO3.from_matrix(np.asarray(press.pose.rotation)).wxyz
@@ -283,7 +284,9 @@ class SkinScene:
             label.position = (x, y, z * exaggeration)
 
 
-OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.4, 14.0, 3.0
+OBJECT_OPACITY = 0.5
+"""Lets the contact be seen through the object."""
+OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.3, 14.0, 3.0
 """Spacing of the drawn points of an object, half of the drawn square, and the height above its lowest point up to which it is
 drawn."""
 
@@ -293,8 +296,14 @@ def indenter_underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], 
     axis = np.arange(-OBJECT_HALF_MM, OBJECT_HALF_MM + OBJECT_PITCH_MM, OBJECT_PITCH_MM)
     x, y = np.meshgrid(axis, axis)
     z = np.asarray(indenter.underside_mm(x, y))
-    drawn = z < OBJECT_HEIGHT_MM
-    vertices = np.stack([x[drawn], y[drawn], z[drawn]], axis=-1).astype(np.float32)
+    drawn = cv2.dilate((z < OBJECT_HEIGHT_MM).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    # The outermost points are moved to where the underside has this height, so that the edge is no saw.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = np.stack(np.gradient(z, OBJECT_PITCH_MM))
+        step = (z - OBJECT_HEIGHT_MM) * slope / (slope**2).sum(axis=0)
+    step = np.where((z >= OBJECT_HEIGHT_MM) & np.isfinite(step).all(axis=0), step, 0)
+    y, x = np.stack([y, x]) - np.clip(step, -OBJECT_PITCH_MM, OBJECT_PITCH_MM)
+    vertices = np.stack([x[drawn], y[drawn], np.minimum(z, OBJECT_HEIGHT_MM)[drawn]], axis=-1).astype(np.float32)
     return vertices, triangulate_view(drawn).astype(np.uint32)
 
 

@@ -76,7 +76,12 @@ class SensorPage:
 
     def _add_viewer(self, client: ClientHandle) -> None:
         viewer = ViewerPage(
-            client, self._controller, self._block, self._panels, partial(self._server.passed_messages, client)
+            client,
+            self._controller,
+            self._block,
+            self._panels,
+            partial(self._server.passed_messages, client),
+            self._server.drawn_moments,
         )
         with self._lock:
             is_there = client.client_id in self._server.viser.get_clients()

@@ -8,13 +8,13 @@ from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.page_cards import (
     card_html,
-    explained_wrench_table_html,
     shape_summary_html,
     status_html,
+    wrench_table_html,
 )
 from ninedtact.studio.page_controller import WAITING_STATUS, PageMoment, SensorMoment
 from ninedtact.studio.sensor_group import group_wrench_table_html, sensor_group_status_html
-from ninedtact.studio.viewer import Side, ViewerPage
+from ninedtact.studio.viewer import Side, ViewerPage, on_user_change
 
 SIDE_BY_SIDE = "all side by side"
 SAVED_AS = "the camera's image as .png, heights in mm as .npy, .png and .ply, wrenches and warnings as .json"
@@ -33,7 +33,7 @@ class StatusPanel:
 
     def __init__(self, viewer: ViewerPage) -> None:
         self._viewer = viewer
-        self._has_table = viewer.is_shared or viewer.is_narrow or not viewer.controller.sensors[0].wrenches
+        self._has_table = viewer.is_shared or viewer.is_tall
 
     def build(self, gui: GuiApi) -> None:
         """Add the choice among several sensors, state, values, buttons and the table of wrenches."""
@@ -45,17 +45,18 @@ class StatusPanel:
                 initial_value=SIDE_BY_SIDE if viewer.options.sensor is None else names[viewer.options.sensor],
                 hint="what the views show",
             )
-            shown.on_update(
+            on_user_change(
+                shown,
                 lambda event: viewer.choose(
                     sensor=names.index(event.target.value) if event.target.value in names else None
-                )
+                ),
             )
         self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")
         self._freeze = gui.add_button(
-            "Freeze", color="gray", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
+            "Freeze", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
         )
-        save = gui.add_button("Save this reading", color="gray", icon=Icon.DEVICE_FLOPPY, hint=f"{SAVED_AS} (S)")
+        save = gui.add_button("Save this reading", icon=Icon.DEVICE_FLOPPY, hint=f"{SAVED_AS} (S)")
         self._table = gui.add_html("", visible=self._has_table)
         self._freeze.on_click(lambda event: self._toggle_freeze())
         save.on_click(lambda event: self._save())
@@ -71,8 +72,8 @@ class StatusPanel:
             return
         (alone,) = moment.sensors
         self._status.content = status_html(alone.status)
-        wrenches = explained_wrench_table_html(alone.wrenches, alone.status.is_past)
-        self._table.content = wrenches if self._has_table else ""
+        wrenches = alone.wrenches if self._has_table else ()
+        self._table.content = wrench_table_html(wrenches, alone.status.is_past) if wrenches else ""
         if alone.view is not None:
             self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past)
 

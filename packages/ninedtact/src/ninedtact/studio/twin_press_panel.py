@@ -9,7 +9,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent
+from viser import GuiApi, GuiEvent, GuiUploadButtonHandle, Icon, TransformControlsEvent, UploadedFile
 from viser.transforms import SO3
 
 from ninedtact.mechanics.pose import Pose
@@ -53,7 +53,9 @@ _SLIDERS = {
     "tilt about x (°)": 0.5,
     "tilt about y (°)": 0.5,
 }
+
 """The sliders, in the order of the limits of `TwinPressController`, with their steps."""
+_NOT_PRESSED = "A recording is shown. To press the twin, go back to the sensor in the tab Record."
 
 
 class TwinPressPanel:
@@ -92,7 +94,8 @@ class TwinPressPanel:
             for (name, (low, high)), (label, step) in zip(limits.items(), _SLIDERS.items(), strict=True)
         }
         self._says = gui.add_html("")
-        with gui.add_folder("own mesh (STL, OBJ)", expand_by_default=False):
+        self._own_mesh = gui.add_folder("own mesh (STL, OBJ)", expand_by_default=False)
+        with self._own_mesh:
             self._unit = gui.add_dropdown("unit", (FIT, *MM_PER_UNIT), initial_value="mm")
             self._side = gui.add_dropdown("side that faces the skin", tuple(_SIDES))
             upload = gui.add_upload_button("Upload a mesh", icon=Icon.UPLOAD, mime_type=",".join(UPLOAD_SUFFIXES))
@@ -105,7 +108,16 @@ class TwinPressPanel:
         self._add_handle()
 
     def update(self, moment: PageMoment) -> None:
-        """Follow what other viewers do, and say how the contact is."""
+        """Follow what other viewers do, and say how the contact is; a recording is not pressed, and shows none of it."""
+        is_past = self._viewer.plays_recording
+        for control in (self._mode, self._kind, self._family, self._own_mesh, self._handle):
+            control.visible = not is_past
+        if is_past:
+            for slider in (self._number, *self._sliders.values()):
+                slider.visible = False
+            self._says.content = card_html("held_object", said=_NOT_PRESSED, refusal="", is_dim=True)
+            self._followed = (-1, -1)
+            return
         followed = self._viewer.options.sensor or 0, self._control.revision
         state = (
             self._control.state
@@ -194,8 +206,10 @@ class TwinPressPanel:
     def _upload(self, event: GuiEvent[GuiUploadButtonHandle]) -> None:
         unit, side = str(self._unit.value), _SIDES.get(str(self._side.value), "-z")
         placement = MeshPlacement(unit if unit in MM_PER_UNIT else "mm", side, fit_mm=FIT_MM if unit == FIT else None)
+        file = event.target.value
+        if not isinstance(file, UploadedFile):  # any other value, which only a program can send
+            return
         with self._viewer.notify_refusal("Mesh not taken"):
-            file = event.target.value
             said = {control.upload(file.name, file.content, placement) for control in self._pressed}
             self._viewer.notify("Mesh taken", " ".join(said), "green")
 

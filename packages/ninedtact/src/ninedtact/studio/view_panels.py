@@ -50,6 +50,7 @@ class ImagesPanel:
 
     def build(self, gui: GuiApi) -> None:
         """Add both images under their menus."""
+        gui.add_html("<span data-two-images></span>")
         self._legends = []
         for slot, kind in enumerate(self._viewer.options.images):
             menu = gui.add_dropdown(f"image {slot + 1}", [str(choice) for choice in ImageKind], initial_value=str(kind))
@@ -112,14 +113,14 @@ class ScenePanel:
         pressure = gui.add_checkbox("pressure as arrows", options.pressure_arrows)
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
         add_theme_choice(viewer.client)
-        colouring.on_update(lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
-        times.on_update(
-            lambda event: viewer.choose(exaggeration=float(np.clip(event.target.value, 1, MAX_EXAGGERATION)))
+        on_user_change(colouring, lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
+        on_user_change(
+            times, lambda event: viewer.choose(exaggeration=float(np.clip(event.target.value, 1, MAX_EXAGGERATION)))
         )
-        outline.on_update(lambda event: viewer.choose(with_outline=event.target.value))
-        source.on_update(lambda event: viewer.choose(source=ShownTraction(event.target.value)))
-        pressure.on_update(lambda event: viewer.choose(pressure_arrows=event.target.value))
-        shear.on_update(lambda event: viewer.choose(shear_arrows=event.target.value))
+        on_user_change(outline, lambda event: viewer.choose(with_outline=event.target.value))
+        on_user_change(source, lambda event: viewer.choose(source=ShownTraction(event.target.value)))
+        on_user_change(pressure, lambda event: viewer.choose(pressure_arrows=event.target.value))
+        on_user_change(shear, lambda event: viewer.choose(shear_arrows=event.target.value))
 
     def update(self, moment: PageMoment) -> None:
         """Draw the scene where it differs from what was drawn last; a recording may have fewer sensors than the page."""

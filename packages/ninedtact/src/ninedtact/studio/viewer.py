@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import RLock
-from time import monotonic_ns, time
+from time import monotonic, monotonic_ns, time
 from typing import Any, Literal, Protocol
 
-from viser import ClientHandle, GuiApi, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
+from viser import ClientHandle, GuiApi, GuiButtonGroupHandle, GuiEvent, GuiTabGroupHandle, IconName, PanelHandle
 
 from ninedtact.errors import NinedtactError
 from ninedtact.live.sensor_poller import SensorPhase
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
-from ninedtact.studio.page_server import draw_unless_interrupted
+from ninedtact.studio.page_server import DrawnMoments, draw_unless_interrupted
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.scene_3d import DARK, LIGHT, GelBlock, SideBySideLayout
@@ -28,6 +28,8 @@ NOTICE_S = 8.0
 MOST_DOWNLOAD_BYTES = 32_000_000
 """Larger files are only written on the sensor's computer."""
 MAX_EXAGGERATION = 10.0
+QUICK_S, DRAWN_WITHIN_S = 0.1, 2.0
+"""Time in which a quick browser draws a moment; it is sent one more meanwhile. Time after which any browser is sent one anyway."""
 CURVES_EVERY = 3
 """Number of moments after which curves are drawn again."""
 LEFT_PX, RIGHT_PX = 330, 350
@@ -37,11 +39,8 @@ NARROW_PX = 600
 """Width of a browser below which it is a phone: viser then shows its panel at the bottom."""
 PHONE_PANEL_SHARE = 0.6
 """Share of the height of a phone that viser's panel covers, at the bottom."""
-PHONE_STYLE = (
-    f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'], [style*='max-height: 60%'] [style*='width: 20em'] "
-    "{ width: 100% !important; } }</style>"
-)
-"""Lets the controls be as wide as the screen of a phone, of which viser gives them a part."""
+TALL_PX = 860
+"""Height of a browser from which curves stand below the images and wrenches among the controls; below, they are tabs."""
 
 
 def add_theme_choice(client: ClientHandle) -> None:
@@ -119,11 +118,15 @@ class ViewerPage:
         block: GelBlock,
         panels: Sequence[PanelFactory],
         passed_messages: Callable[[], int],
+        drawn: DrawnMoments,
     ) -> None:
-        """passed_messages: returns the number of messages to this browser that do not wait on their way any more."""
+        """passed_messages: returns the number of messages to this browser that do not wait on their way any more. drawn: what
+        browsers have drawn."""
         self.client, self.controller, self.block = client, controller, block
         self._passed_messages, self._passed_before = passed_messages, -1
+        self._drawn, self._name, self._sent_s, self._drawn_before, self._is_quick = drawn, drawn.begin(), 0.0, 0, True
         self.is_narrow = client.camera.image_width < NARROW_PX
+        self.is_tall = client.camera.image_height >= TALL_PX and not self.is_narrow
         self.is_shared = len(controller.sensors) > 1
         """Whether the page has several sensors."""
         sensor = None if self.is_shared and not self.is_narrow else 0
@@ -189,6 +192,7 @@ class ViewerPage:
         """Close what is shown in place of the sensor, and what a callback that still runs will open: the browser has gone."""
         with self._lock:
             self._has_left = True
+        self._drawn.end(self._name)
         self.play(None)
 
     def choose(self, **changes: Any) -> None:
@@ -197,10 +201,11 @@ class ViewerPage:
             self.options = replace(self.options, **changes)
 
     def show(self, newest: PageMoment) -> None:
-        """Show the newest moment, or the frozen one with its age; a client that has not got the last one goes on with that one."""
+        """Show the newest moment, or the frozen one with its age; a client that has not drawn the last ones goes on with them."""
         with self._lock:
             passed = self._passed_messages()
-            if passed == self._passed_before and not all(one.status.is_past for one in newest.sensors):
+            is_ready = passed != self._passed_before and not self._is_drawing()
+            if not is_ready and not all(one.status.is_past for one in newest.sensors):
                 return
             moment = newest if self._played is None else self._played.moment(newest)
             if self.is_frozen and self.moment is not None:
@@ -208,13 +213,23 @@ class ViewerPage:
             self.moment, self._moments = moment, self._moments + 1
             is_recorded = moment.sensors[0].snapshot.phase is SensorPhase.RECORDED
             self.redraws_curves = not self.is_frozen and (is_recorded or self._moments % CURVES_EVERY == 0)
-            self._passed_before = passed
+            self._passed_before, self._sent_s = passed, monotonic()
             with self.client.atomic():
-                self._beat.content = f"{passed}"
+                self._mark.content = f'<i hidden data-moment="{self._name}/{self._moments}"></i>'
                 for panel in self._panels:
                     draw_unless_interrupted(partial(panel.update, moment))
             # viser would wait 17 ms for more, and send nothing where the next moment has begun by then.
             self.client.flush()
+
+    def _is_drawing(self) -> bool:
+        """Return whether the browser still draws what it has been sent; one that is out of sight draws nothing for seconds."""
+        last, waited_s = self._drawn.last(self._name), monotonic() - self._sent_s
+        if last == self._drawn_before and waited_s > QUICK_S:
+            self._is_quick = False
+        elif last == self._moments:
+            self._is_quick = waited_s < QUICK_S
+        self._drawn_before = last
+        return last > 0 and self._moments - last >= (2 if self._is_quick else 1) and waited_s < DRAWN_WITHIN_S
 
     def notify(self, title: str, body: str, colour: Literal["red", "green"]) -> None:
         """Show a notification to this viewer."""
@@ -241,12 +256,10 @@ class ViewerPage:
         gui = self.client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
-        self._beat = gui.add_html("", visible=False)  # so that every moment is at least one message
-        if self.is_narrow:
-            gui.add_html(PHONE_STYLE)
+        self._mark = gui.add_html("")  # names the moment, for the script of the page
         columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
         for panel in sorted(self._panels, key=lambda panel: bool(panel.title)) if self.is_narrow else self._panels:
-            side: Side = "right" if self.is_narrow else panel.side
+            side: Side = "right" if self.is_narrow else panel.side if self.is_tall or panel.side == "right" else "left"
             if side == "right" and not panel.title:
                 panel.build(gui)
                 continue
@@ -263,8 +276,18 @@ class ViewerPage:
 
 
 def on_user_change(control: Any, act: Callable[[GuiEvent[Any]], object]) -> None:
-    """Call `act` where a person changes a control; the page itself changes controls too, to follow what others do."""
-    control.on_update(lambda event: None if event.client is None else act(event))
+    """Call `act` where a person changes a control, or presses a button of a group.
+
+    The page itself changes controls too, to follow what others do. An option that a menu or a group does not offer, which only a
+    program can send, is passed over.
+    """
+
+    def handle(event: GuiEvent[Any]) -> None:
+        is_offered = event.target.value in getattr(control, "options", (event.target.value,))
+        if event.client is not None and is_offered:
+            act(event)
+
+    (control.on_click if isinstance(control, GuiButtonGroupHandle) else control.on_update)(handle)
 
 
 class ControlFollower:

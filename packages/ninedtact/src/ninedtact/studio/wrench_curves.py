@@ -11,13 +11,14 @@ from viser import GuiApi, GuiEvent, Icon, uplot
 
 from ninedtact.live.sensor_poller import HISTORY_S
 from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot
+from ninedtact.shape.coloured_height_map import round_up_to_1_2_5
 from ninedtact.studio.page_cards import COLOURS, card_html, wrench_meaning_html, wrench_table_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
 from ninedtact.studio.sensor_group import GRIP_COLOUR, colour_of_sensor
 from ninedtact.studio.viewer import Side, ViewerPage, on_user_change
 
 Curve = Float64[Array, " n"]
-LEAST_N, LEAST_NMM = 2.0, 4.0
+LEAST_N, LEAST_NMM = 2.0, 5.0
 """Smallest half range of the curves, so that noise stays small."""
 CURVE_POINTS = 400
 """Number of points of a curve over the last seconds."""
@@ -92,7 +93,9 @@ class LastSecondsPlot:
             for found, size in zip(curves, self._sizes, strict=True)
             for one in (found if len(found) == size else [absent] * size)
         ]
-        half = max(1.1 * max((float(np.nanmax(np.abs(one), initial=0.0)) for one in shown), default=0.0), least)
+        largest = max((float(np.nanmax(np.abs(one), initial=0.0)) for one in shown), default=0.0)
+        # Both ends of such a range, and zero, are marked with their numbers.
+        half = 1.25 * round_up_to_1_2_5(max(largest, least))
         self._plot.data = (self.at_s, *shown)
         self._plot.scales = {
             "x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)),
@@ -101,7 +104,7 @@ class LastSecondsPlot:
 
 
 class WrenchAndCurvesPanel:
-    """The wrenches of one sensor: the table of this moment, except on a phone, and the curves of the last seconds.
+    """The wrenches of one sensor: the table of this moment, where `StatusPanel` does not show it, and curves of the last seconds.
 
     Where there are several sources, wrenches without stated errors (true, measured) are drawn dashed.
     """
@@ -114,15 +117,15 @@ class WrenchAndCurvesPanel:
 
     def build(self, gui: GuiApi) -> None:
         """Add the table and the plots."""
-        self._table = gui.add_html("", visible=not self._viewer.is_narrow)
+        self._table = gui.add_html("", visible=not self._viewer.is_tall)
         self._sources = self._viewer.controller.sensors[0].wrenches
         parts = (("force (N)", "F", 0, 1.0, LEAST_N), ("torque (N·mm)", "T", 3, 1e3, LEAST_NMM))
         self._plots = [
-            (LastSecondsPlot(gui, self._curves(letter), 150, f"{title}: x orange, y green, z blue"), first, unit, least)
+            (LastSecondsPlot(gui, self._curves(letter), 130, f"{title}: x orange, y green, z blue"), first, unit, least)
             for title, letter, first, unit, least in parts
         ]
         gui.add_html(card_html("line", text=_describe_lines(self._sources), size="0.75em", is_dim=True))
-        self._meaning = gui.add_html("", visible=not self._viewer.is_narrow)
+        self._meaning = gui.add_html("")
 
     def _curves(self, letter: str) -> list[PlottedCurve]:
         are_several = len(self._sources) > 1
@@ -137,9 +140,9 @@ class WrenchAndCurvesPanel:
     def update(self, moment: PageMoment) -> None:
         """Show the wrenches of this moment; redraw the curves from time to time, and not while they are frozen."""
         sensor = moment.sensors[0]  # a recording may have several, or no wrenches
-        if not self._viewer.is_narrow:
+        self._meaning.content = wrench_meaning_html(sensor.wrenches) if sensor.wrenches else ""
+        if not self._viewer.is_tall:
             self._table.content = wrench_table_html(sensor.wrenches, sensor.status.is_past) if sensor.wrenches else ""
-            self._meaning.content = wrench_meaning_html(sensor.wrenches) if sensor.wrenches else ""
         if not self._viewer.redraws_curves or not sensor.wrenches:
             return
         for plot, first, unit, least in self._plots:
