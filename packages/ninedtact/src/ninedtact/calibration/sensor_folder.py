@@ -327,6 +327,14 @@ def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, Any, str]:
         ) from trouble
 
 
+def checksum_of_sensor_toml(content: bytes) -> str:
+    """Return `SensorFolder.calibration_checksum` of the content of `sensor.toml`; empty where it cannot be read."""
+    try:
+        return mapping_checksum(parse_toml(content.decode()), NOT_CALIBRATED)
+    except ValueError:
+        return ""
+
+
 def _require_current_format(folder: Path, tables: dict[str, Any]) -> None:
     """Refuse a file of another format; raises `SensorFolderDamaged`."""
     version = tables.get("format")

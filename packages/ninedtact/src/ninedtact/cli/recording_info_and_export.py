@@ -91,7 +91,8 @@ def _write_whole_copy(recordings: "list[Recording]", out: Path) -> None:
 def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
     yield f"{path}: {summary.seconds:.1f} s from {summary.began}, {path.stat().st_size / 1e6:.1f} MB"
     named = f"{summary.name}: " * bool(summary.name)
-    yield f"  {named}sensor {summary.sensor}, images from {summary.source}"
+    calibration = f" (calibration {summary.calibration_checksum[:8]})" * bool(summary.calibration_checksum)
+    yield f"  {named}sensor {summary.sensor}{calibration}, images from {summary.source}"
     if summary.force_torque:
         yield f"  forces from {summary.force_torque}"
     for topic in summary.topics:

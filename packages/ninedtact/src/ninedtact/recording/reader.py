@@ -351,12 +351,21 @@ class Recording:
                 files[str(PurePosixPath(*parts[len(folder) :]))] = attachment.data
         return files
 
+    @cached_property
+    def calibration_checksum(self) -> str:
+        """`SensorFolder.calibration_checksum` of the sensor folder; empty where there is none, or none that can be read."""
+        from ninedtact.calibration.sensor_folder import SENSOR_FILE, checksum_of_sensor_toml
+
+        text = self.sensor_files().get(SENSOR_FILE)
+        return "" if text is None else checksum_of_sensor_toml(text)
+
     def summary(self) -> RecordingSummary:
         """Return sensor, duration, topics with rates and gaps, drops, pairs and events."""
         metadata = self.metadata
         began = datetime.fromtimestamp(metadata.wall_ns(self.began_ns) / 1e9, UTC)
         return RecordingSummary(
             sensor=metadata.sensor,
+            calibration_checksum=self.calibration_checksum,
             name=metadata.name,
             source=metadata.source,
             force_torque=metadata.force_torque,
