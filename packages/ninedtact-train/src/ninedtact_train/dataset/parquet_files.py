@@ -168,7 +168,7 @@ def _wrong_length(numbers: int) -> FileFormatError:
 
 
 def open_parquet_file(path: Path) -> Any:
-    """Open a Parquet file whose texts fit in memory; raises `FileFormatError`."""
+    """Open a Parquet file whose texts fit in memory and whose columns have their types; raises `FileFormatError`."""
     try:
         if not path.is_file():
             raise OSError("no such file" if not path.exists() else "a folder, a pipe or a device and not a file")
@@ -177,9 +177,21 @@ def open_parquet_file(path: Path) -> Any:
             raise ValueError(f"{file.metadata.num_rows} rows in {path.stat().st_size} bytes")
         if (size := _decoded_text_bytes(path, file.metadata)) > _MOST_TEXT_BYTES:
             raise ValueError(f"texts of {size / 1e6:.0f} MB, more than {_MOST_TEXT_BYTES / 1e6:.0f} MB")
+        _require_column_types(path, file.schema_arrow)
         return file
     except _READ_ERRORS as error:
         raise _parquet_damage(path, error) from error
+
+
+def _require_column_types(path: Path, schema: Any) -> None:
+    """Raise `FileFormatError` for a column of another type than the schema of data sets gives its name."""
+    for column in PAIR_COLUMNS:
+        if column.name in schema.names and not _holds_kind(found := schema.field(column.name).type, column.kind):
+            raise FileFormatError(
+                expected=f"{'six numbers' if column.kind == 'wrench' else column.kind} in the column {column.name} of {path}",
+                got=f"{found}",
+                remedy="build it again from its sources",
+            )
 
 
 def _decoded_text_bytes(path: Path, metadata: Any) -> int:
@@ -216,14 +228,6 @@ def require_pair_columns(path: Path) -> None:
             got=f"no column {missing[0]}",
             remedy="give the folder of a data set of pairs",
         )
-    for column in PAIR_COLUMNS:
-        found_type = schema.field(column.name).type
-        if not _holds_kind(found_type, column.kind):
-            raise FileFormatError(
-                expected=f"{'six numbers' if column.kind == 'wrench' else column.kind} in the column {column.name} of {path}",
-                got=f"{found_type}",
-                remedy="build it again from its sources",
-            )
 
 
 def _holds_kind(found: pa.DataType, kind: str) -> bool:

@@ -49,8 +49,8 @@ _LOOSE_BYTES = 4_000_000
 """Size from which a stretch of records outside of chunks is read as one chunk."""
 _MOST_CHUNK_BYTES = 64_000_000
 """Largest unpacked size of a chunk, twenty times an image of 1280 x 800 pixels; `writer` closes one at 0.5 MB."""
-_MOST_RECORDS = 200_000
-"""Most records of a chunk; one of wrenches alone has some 4,000."""
+_MOST_RECORDS, _MOST_CHANNELS = 200_000, 5_000
+"""Most records of a chunk, one of wrenches alone has some 4,000; and most channels and message types among them."""
 _MOST_UNPACKED_BYTES, _MOST_UNPACKED_RATIO = 2_000_000_000, 1000
 """All chunks together unpack to no more than this, or than so many times the file; images of a camera compress to a third."""
 _MOST_METADATA, _MOST_METADATA_BYTES = 1000, 20_000_000
@@ -357,11 +357,12 @@ def _unpack(chunk: Chunk) -> bytes:
 def _parse_records(data: bytes) -> list[McapRecord]:
     """Return the schemas, channels and messages of a chunk; raises `ValueError` and what `mcap` raises."""
     records: list[McapRecord] = []
-    at = count = 0
+    at = count = channels = 0
     while at < len(data):
         opcode, length = _PREFIX.unpack_from(data, at)
         start, at, count = at + _PREFIX.size, at + _PREFIX.size + length, count + 1
-        if at > len(data) or count > _MOST_RECORDS:
+        channels += opcode in (Opcode.CHANNEL, Opcode.SCHEMA)
+        if at > len(data) or count > _MOST_RECORDS or channels > _MOST_CHANNELS:
             raise ValueError("a chunk of more records than it holds")
         stream = ReadDataStream(BytesIO(data[start:at]))
         if opcode == Opcode.MESSAGE:
