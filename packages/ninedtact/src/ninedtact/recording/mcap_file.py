@@ -36,6 +36,8 @@ _PREFIX = struct.Struct("<BQ")
 """Opcode and length before the content of a record."""
 _LOOSE_RECORDS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 """Opcodes of the records that chunks hold, or that stand without one."""
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, time of the log and time of publishing before the content of a message."""
 _DATA_RECORDS = (
     Opcode.HEADER,
     Opcode.METADATA,
@@ -92,7 +94,8 @@ class McapFile:
         """Message types of the topics that have messages, and of those of the first chunk; empty where none is stated."""
         self._positions: dict[int, list[Array]] = defaultdict(list)
         self._unpacked_bytes, self._counted_chunks = 0, set[int]()
-        self._last_read: tuple[int, dict[int, list[Message]]] = (-1, {})
+        self._last_read: tuple[int, list[McapRecord]] = (-1, [])
+        self._last_messages: tuple[int, dict[int, list[Message]]] = (-1, {})
         try:
             with self._damage_errors():
                 self.is_finished = self._read_magic()
@@ -134,9 +137,9 @@ class McapFile:
     def message(self, position: np.void) -> Message:
         """Return the message at one `MESSAGE_POSITION`; raises `RecordingUnreadable` where the file is damaged."""
         number = int(position["chunk"])
-        if self._last_read[0] != number:
-            self._last_read = number, _messages_by_channel(self._read_chunk(number))
-        messages = self._last_read[1].get(int(position["channel"]), [])
+        if self._last_messages[0] != number:
+            self._last_messages = number, _messages_by_channel(self._read_chunk(number))
+        messages = self._last_messages[1].get(int(position["channel"]), [])
         if position["number"] >= len(messages) or messages[position["number"]].log_time != position["stamp_ns"]:
             raise self._damage_error(self._chunks[number].start)
         return messages[position["number"]]
@@ -196,14 +199,19 @@ class McapFile:
             self.end = end
 
     def _read_chunk(self, number: int) -> list[McapRecord]:
-        """Return the records of a chunk, decompressed and checked; raises `RecordingUnreadable`."""
+        """Return the records of a chunk, decompressed and checked; raises `RecordingUnreadable`. Those of the last one are kept."""
+        if self._last_read[0] == number:
+            return self._last_read[1]
         try:
             span = self._chunks[number]
             if span.is_loose:
-                return _parse_records(self._content(span.start - _PREFIX.size, span.end))
-            chunk = Chunk.read(ReadDataStream(BytesIO(self._content(span.start, span.end))))
-            self._count_unpacked(number, chunk.uncompressed_size)
-            return _parse_records(_unpack(chunk))
+                data = self._content(span.start - _PREFIX.size, span.end)
+            else:
+                chunk = Chunk.read(ReadDataStream(BytesIO(self._content(span.start, span.end))))
+                self._count_unpacked(number, chunk.uncompressed_size)
+                data = _unpack(chunk)
+            self._last_read = number, _parse_records(data)
+            return self._last_read[1]
         except Exception as trouble:  # every decompressor has errors of its own
             raise self._damage_error(self._chunks[number].start) from trouble
 
@@ -364,13 +372,15 @@ def _parse_records(data: bytes) -> list[McapRecord]:
         channels += opcode in (Opcode.CHANNEL, Opcode.SCHEMA)
         if at > len(data) or count > _MOST_RECORDS or channels > _MOST_CHANNELS:
             raise ValueError("a chunk of more records than it holds")
-        stream = ReadDataStream(BytesIO(data[start:at]))
-        if opcode == Opcode.MESSAGE:
-            records.append(Message.read(stream, length))
+        if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
+            records.append(Message(channel, log_time, data[start + _MESSAGE.size : at], publish_time, sequence))
         elif opcode == Opcode.CHANNEL:
-            records.append(Channel.read(stream))
+            records.append(Channel.read(ReadDataStream(BytesIO(data[start:at]))))
         elif opcode == Opcode.SCHEMA:
-            records.append(Schema.read(stream))
+            records.append(Schema.read(ReadDataStream(BytesIO(data[start:at]))))
+        elif opcode == Opcode.MESSAGE:
+            raise ValueError("a message without a beginning")
     return records
 
 
