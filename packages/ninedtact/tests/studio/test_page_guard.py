@@ -370,9 +370,12 @@ def test_clients_that_never_speak_keep_nobody_out_and_are_disconnected(caplog: p
             visitor.send("ready")
             with pytest.raises(ConnectionClosed):
                 silent[number].recv(timeout=30)
-    with served(SocketLimits(speaks_within_s=0.2), b"", times=0) as (port, _):
-        with connect(f"ws://127.0.0.1:{port}") as one, pytest.raises(ConnectionClosed):
-            one.recv(timeout=30)
+    with (
+        served(SocketLimits(speaks_within_s=0.2), b"", times=0) as (port, _),
+        connect(f"ws://127.0.0.1:{port}") as one,
+        pytest.raises(ConnectionClosed),
+    ):
+        one.recv(timeout=30)
     assert any("it sent nothing in 0.2 s" in line for line in caplog.messages)
 
 
