@@ -106,9 +106,9 @@ chaos: .venv/ready
 soak: .venv/ready
 	.venv/bin/python benchmarks/soak.py
 
-# Damaged and edited files of every kind, a hundred cases each: about an hour.
+# Damaged and edited files of every kind, and files of strangers, a hundred cases each: about two hours.
 damaged: .venv/ready
-	NINEDTACT_DAMAGED_CASES=$(or $(CASES),100) JAXTYPING_DISABLE=1 .venv/bin/python -m pytest tests/test_damaged_files.py
+	NINEDTACT_DAMAGED_CASES=$(or $(CASES),100) JAXTYPING_DISABLE=1 .venv/bin/python -m pytest tests/test_damaged_files.py tests/test_files_of_strangers.py
 
 # Do the tests notice a changed operator? [tool.mutmut] of the core's pyproject.toml says which files are changed; MUTANTS chooses some
 # of them by name. `mutmut results` and `mutmut show NAME` in that folder show the survivors.

@@ -1,6 +1,7 @@
 """Damage to files, as Hypothesis draws it, and a command that runs on a damaged file in a process of its own."""
 
 import io
+import json
 import os
 import re
 import resource
@@ -11,9 +12,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+
+from ninedtact.cli import main as run_command
+from ninedtact.errors import NinedtactError
 
 LONGEST_S, MOST_BYTES = 20, 12 << 30
 """Processor time after which a case counts as one that does not end, and its address space: what reads without end fails there."""
@@ -121,6 +126,44 @@ def restore(path: Path, content: bytes) -> None:
 
 
 @dataclass(frozen=True)
+class Kind:
+    """One file that commands read."""
+
+    path: Path
+    work: Callable[[Path], int]
+    """Gets a folder for its results, prints JSON, and returns an exit code."""
+    damage: Callable[[bytes], st.SearchStrategy[tuple[str, bytes]]] = damaged_bytes
+    part: bytes | None = None
+    """The part that is damaged; None for the whole file."""
+    whole: Callable[[bytes], bytes] = bytes
+    """Makes the file of a damaged part."""
+    is_authored: bool = False
+
+
+def commands(*lines: str) -> Callable[[Path], int]:
+    """Return command lines as one function; OUT in them stands for the folder of results."""
+
+    def work(out: Path) -> int:
+        return next((code for line in lines if (code := run_command(line.replace("OUT", f"{out}/x").split()))), 0)
+
+    return work
+
+
+def printing(read: Callable[[Path], Any]) -> Callable[[Path], int]:
+    """Return a call of the library that prints what it reads, and ends as a command does where it is refused."""
+
+    def work(out: Path) -> int:
+        try:
+            print(json.dumps(read(out), default=str))
+        except NinedtactError as refusal:
+            print(f"ninedtact: {refusal}", file=sys.stderr)
+            return 1
+        return 0
+
+    return work
+
+
+@dataclass(frozen=True)
 class Run:
     """How a process ended, and what it printed."""
 
@@ -128,6 +171,10 @@ class Run:
     """The exit code; negative where a signal ended it."""
     printed: str
     complaints: str
+    cpu_s: float = 0.0
+    """Processor time, that of its own processes included."""
+    grown_bytes: int = 0
+    """Largest memory beyond that with which it began."""
 
 
 def run_forked(work: Callable[[Path], int], folder: Path, unprivileged: bool = False) -> Run:
@@ -141,9 +188,18 @@ def run_forked(work: Callable[[Path], int], folder: Path, unprivileged: bool = F
             _work_and_leave(work, out, unprivileged)
         signal.signal(signal.SIGALRM, lambda *_: os.kill(child, signal.SIGKILL))
         signal.alarm(10 * LONGEST_S)
-        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        began_bytes = _resident_bytes(child)
+        _, status, used = os.wait4(child, 0)
         signal.alarm(0)
-        return Run(code, *((out / each).read_text(errors="replace") for each in ("stdout", "stderr")))
+        printed, complaints = ((out / each).read_text(errors="replace") for each in ("stdout", "stderr"))
+        grown_bytes = 1024 * used.ru_maxrss - began_bytes
+        return Run(os.waitstatus_to_exitcode(status), printed, complaints, used.ru_utime + used.ru_stime, grown_bytes)
+
+
+def _resident_bytes(process: int) -> int:
+    """Return the memory of a process that was just forked, which is that of this one."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1]) if sys.platform == "linux" else 0
+    return pages * resource.getpagesize()
 
 
 def _work_and_leave(work: Callable[[Path], int], out: Path, unprivileged: bool) -> None:

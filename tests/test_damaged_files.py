@@ -16,7 +16,7 @@ import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -32,16 +32,26 @@ from hypothesis import strategies as st
 from linear_model import a_card, linear_model
 
 import ninedtact
-from damage import PLACES, Run, damaged_array, damaged_bytes, damaged_text, put, restore, run_forked
+from damage import (
+    PLACES,
+    Kind,
+    Run,
+    commands,
+    damaged_array,
+    damaged_bytes,
+    damaged_text,
+    printing,
+    put,
+    restore,
+    run_forked,
+)
 from ninedtact import Frame, SensorFolder, Wrench
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
 from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
 from ninedtact.capture.camera_delay import CameraDelay, read_camera_delay, write_camera_delay
-from ninedtact.cli import main as run_command
 from ninedtact.design import design_to_toml, read_design_file
-from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_and_scale import ForceScale, write_force_scale
 from ninedtact.force.onnx_model import (
     CHECKSUM_METADATA_KEY,
@@ -67,44 +77,6 @@ VOLATILE = ("image", "time_ns", "files", "folder", "report", "sensor", "out")
 STATED_ERRORS = {"max_indentation_mm": "max_indentation_error_mm", **{f"F{axis}_N": f"eF{axis}" for axis in "xyz"}}
 STATED_ERRORS |= {f"T{axis}_Nm": f"eT{axis}" for axis in "xyz"}
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="cases run in forked processes")
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One file that commands read."""
-
-    path: Path
-    work: Callable[[Path], int]
-    """Gets a folder for its results, prints JSON, and returns an exit code."""
-    damage: Callable[[bytes], st.SearchStrategy[tuple[str, bytes]]] = damaged_bytes
-    part: bytes | None = None
-    """The part that is damaged; None for the whole file."""
-    whole: Callable[[bytes], bytes] = bytes
-    """Makes the file of a damaged part."""
-    is_authored: bool = False
-
-
-def commands(*lines: str) -> Callable[[Path], int]:
-    """Return command lines as one function; OUT in them stands for the folder of results."""
-
-    def work(out: Path) -> int:
-        return next((code for line in lines if (code := run_command(line.replace("OUT", f"{out}/x").split()))), 0)
-
-    return work
-
-
-def printing(read: Callable[[Path], Any]) -> Callable[[Path], int]:
-    """Return a call of the library that prints what it reads, and ends as a command does where it is refused."""
-
-    def work(out: Path) -> int:
-        try:
-            print(json.dumps(read(out), default=str))
-        except NinedtactError as refusal:
-            print(f"ninedtact: {refusal}", file=sys.stderr)
-            return 1
-        return 0
-
-    return work
 
 
 def sensor_kinds(sensor: Path, folder: Path) -> Iterator[tuple[str, Kind]]:

@@ -27,6 +27,10 @@ def test_recordings_are_episodes_with_images_and_wrenches(tmp_path: Path) -> Non
     with Recording(one) as first, Recording(other) as second:
         written = export_lerobot([first, second], tmp_path / "set", "press the ball")
     assert written == {"episodes": 2, "frames": 19, "features": 8}
+    sensors = json.loads((tmp_path / "set/ninedtact/episodes.json").read_text())
+    assert [one["episode"] for one in sensors] == [0, 1] and (
+        tmp_path / "set/ninedtact" / sensors[1]["reference"]
+    ).is_file()
     read = LeRobotDataset("local/set", tmp_path / "set", delta_timestamps={"observation.wrench": [-1 / 30, 0.0]})
     assert (len(read), read.meta.total_episodes, read.fps) == (19, 2, 30)
     episodes, numbers = 12 * [0] + 7 * [1], [*range(12), *range(7)]

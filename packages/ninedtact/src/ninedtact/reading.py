@@ -72,6 +72,8 @@ class Reading:
     """What changed in the light since the reference image, and the dirt in view."""
     stream: StreamMemory = StreamMemory()
     """What was remembered of earlier images, and used to tell contact from noise."""
+    calibration_checksum: str = ""
+    """That of the calibration that the image was read with, by which an estimator knows its sensor; empty where it is not known."""
 
     def with_force(self, estimate: WrenchEstimate) -> "Reading":
         """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""
@@ -187,4 +189,16 @@ def read_frame(
     watch.mark("depth")
     doubts = (EstimateWarning.REFERENCE_UNLIKE_CALIBRATION,) if depth_reader.reference_faults else ()
     reference, warnings = depth_reader.reference, (*shape.warnings, *doubts)
-    return Reading(frame, rectified, height, reference, watch.stage_ms, dropped, None, warnings, light, stream)
+    return Reading(
+        frame,
+        rectified,
+        height,
+        reference,
+        watch.stage_ms,
+        dropped,
+        None,
+        warnings,
+        light,
+        stream,
+        shape.calibration_checksum,
+    )

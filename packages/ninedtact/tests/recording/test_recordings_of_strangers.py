@@ -13,6 +13,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from ninedtact import Frame, Wrench
 from ninedtact.bounds_and_checked_reading import parse_toml
+from ninedtact.capture.strict_image_reading import decode_image_file
 from ninedtact.cli import main
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.recording.export import csv_cell
@@ -170,3 +171,23 @@ def test_images_of_a_recording_have_one_size_and_one_format(tmp_path: Path, caps
 def test_toml_that_would_take_long_is_refused_before_it_is_parsed(text: str) -> None:
     with pytest.raises(ValueError):
         parse_toml(text)
+
+
+def test_more_channels_than_a_recording_has_are_refused(tmp_path: Path) -> None:
+    names = b"".join(struct.pack("<I", len(each)) + each for each in (b"/a/b", b"cdr"))
+    channels = (struct.pack("<HH", at, 0) + names + struct.pack("<I", 0) for at in range(1, 60_000))
+    data = b"".join(struct.pack("<BQ", 4, len(one)) + one for one in channels)
+    packed = zstandard.ZstdCompressor().compress(data)
+    path = with_chunk(write_recording(tmp_path / "whole.mcap"), tmp_path / "channels.mcap", packed, len(data))
+    with pytest.raises(FileFormatError, match="damaged"):
+        Recording(path)
+
+
+def test_a_png_without_its_palette_is_refused() -> None:
+    def part(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    header = part(b"IHDR", struct.pack(">IIBBBBB", 16, 16, 8, 3, 0, 0, 0))
+    content = b"\x89PNG\r\n\x1a\n" + header + part(b"IDAT", zlib.compress(bytes(17 * 16))) + part(b"IEND", b"")
+    with pytest.raises(FileFormatError):
+        decode_image_file(content)

@@ -356,7 +356,10 @@ def served(limits: SocketLimits, sent: bytes, times: int = 10**9) -> Iterator[tu
         connections.append(connection)
         for _ in range(times):
             await connection.send(sent)
-        raise ZeroDivisionError(await connection.recv())
+        word = await connection.recv()
+        if word != "ready":
+            raise ZeroDivisionError(word)
+        await connection.wait_closed()
 
     async def start() -> int:
         guard = SocketGuard("127.0.0.1", limits=limits)
@@ -415,6 +418,23 @@ def test_a_client_that_floods_and_clients_beyond_the_limit_are_disconnected(capl
     assert sum("more than 20 messages in a second" in line for line in caplog.messages) == 1
     assert any("connection handler failed: ZeroDivisionError('a bug in a handler')" in line for line in caplog.messages)
     assert all(one.exc_info is None for one in caplog.records if one.name != "websockets.client")
+
+
+def test_clients_that_never_speak_keep_nobody_out_and_are_disconnected(caplog: pytest.LogCaptureFixture) -> None:
+    with served(SocketLimits(clients=4, speaks_within_s=60.0), b"", times=0) as (port, _), ExitStack() as opened:
+        silent = [opened.enter_context(connect(f"ws://127.0.0.1:{port}")) for _ in range(4)]
+        for number in range(4):
+            visitor = opened.enter_context(connect(f"ws://127.0.0.1:{port}"))
+            visitor.send("ready")
+            with pytest.raises(ConnectionClosed):
+                silent[number].recv(timeout=30)
+    with (
+        served(SocketLimits(speaks_within_s=0.2), b"", times=0) as (port, _),
+        connect(f"ws://127.0.0.1:{port}") as one,
+        pytest.raises(ConnectionClosed),
+    ):
+        one.recv(timeout=30)
+    assert any("it sent nothing in 0.2 s" in line for line in caplog.messages)
 
 
 FOREIGN_PAGE = """<body><iframe src="http://127.0.0.1:{port}/"></iframe><script>

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from ninedtact.atomic_write import create_folder_atomically
 from ninedtact.errors import InputError
+from ninedtact.recording.episode_sensors import write_episode_sensors
 from ninedtact.recording.export import WRENCH_COLUMNS, require_empty_folder, require_exportable
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
 
+SENSORS = "ninedtact"
+"""Folder of the data set with name, calibration and reference image of the sensor of each episode."""
 IMAGE, TIME = "observation.images.tactile", "observation.time_s"
 MEASURED, ESTIMATED = "observation.wrench", "observation.wrench_estimated"
 """The wrench of the force/torque sensor and that of the estimator, each where the recordings hold it."""
@@ -62,6 +65,7 @@ def export_lerobot(
         for part in root.iterdir():
             part.rename(folder / part.name)
         root.rmdir()
+        write_episode_sensors(recordings, folder / SENSORS)
     meta = written.meta
     return {"episodes": meta.total_episodes, "frames": meta.total_frames, "features": len(meta.features)}
 

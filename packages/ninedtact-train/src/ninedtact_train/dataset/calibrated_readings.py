@@ -100,7 +100,8 @@ class RowsWithReferences:
                     remedy="leave them out: ninedtact dataset build --drop",
                 )
             frame = Frame(np.zeros((1, 1, 3), np.uint8))
-            reading = Reading(frame, image, reader(image), reference=reader.reference)
+            checksum = shape.calibration_checksum
+            reading = Reading(frame, image, reader(image), reader.reference, calibration_checksum=checksum)
             yield ReadingWithWrench(reading, decode_stored_wrench(row["wrench"]), str(row["object"] or NO_OBJECT), name)
 
     def _decode_rectified(self, stored: Any, mm_per_px: float) -> Rectified:

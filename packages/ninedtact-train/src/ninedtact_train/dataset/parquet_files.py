@@ -38,7 +38,7 @@ _ROWS_PER_GROUP = 100
 _READ_ERRORS = (pa.ArrowException, OSError, ValueError, MemoryError)
 """Exceptions that Arrow raises for a damaged file; text that is not UTF-8 is a `ValueError`."""
 _NO_WRENCH = [float("nan")] * 6
-_MOST_TEXT_BYTES = 500_000_000
+_MOST_TEXT_BYTES, _MOST_VALUES_PER_ROW = 500_000_000, 16
 """Largest size of the texts of a file once they are decoded; a dictionary of Parquet stores a text once for any number of rows."""
 
 
@@ -73,10 +73,10 @@ def escape_invalid_utf8(text: str) -> str:
 
 def _write_parquet_file(path: Path, rows: Iterator[dict[str, Any]], columns: tuple[Column, ...]) -> None:
     """Write rows of column values; this is the only place that writes Parquet."""
-    schema = _arrow_schema(columns)
+    schema, plain = _arrow_schema(columns), [one.name for one in columns if one.kind not in ("image", "wrench")]
     with (
         open_atomic_file(path) as file,
-        pq.ParquetWriter(file, schema, compression="snappy", write_page_checksum=True) as writer,
+        pq.ParquetWriter(file, schema, compression="snappy", write_page_checksum=True, use_dictionary=plain) as writer,
     ):
         while group := list(islice(rows, _ROWS_PER_GROUP)):
             writer.write_table(pa.Table.from_pylist(group, schema=schema))
@@ -168,7 +168,7 @@ def _wrong_length(numbers: int) -> FileFormatError:
 
 
 def open_parquet_file(path: Path) -> Any:
-    """Open a Parquet file whose texts fit in memory; raises `FileFormatError`."""
+    """Open a Parquet file whose texts fit in memory and whose columns have their types; raises `FileFormatError`."""
     try:
         if not path.is_file():
             raise OSError("no such file" if not path.exists() else "a folder, a pipe or a device and not a file")
@@ -177,23 +177,44 @@ def open_parquet_file(path: Path) -> Any:
             raise ValueError(f"{file.metadata.num_rows} rows in {path.stat().st_size} bytes")
         if (size := _decoded_text_bytes(path, file.metadata)) > _MOST_TEXT_BYTES:
             raise ValueError(f"texts of {size / 1e6:.0f} MB, more than {_MOST_TEXT_BYTES / 1e6:.0f} MB")
+        _require_column_types(path, file.schema_arrow)
         return file
     except _READ_ERRORS as error:
         raise _parquet_damage(path, error) from error
 
 
+def _require_column_types(path: Path, schema: Any) -> None:
+    """Raise `FileFormatError` for a column of another type than the schema of data sets gives its name."""
+    for column in PAIR_COLUMNS:
+        if column.name in schema.names and not _holds_kind(found := schema.field(column.name).type, column.kind):
+            raise FileFormatError(
+                expected=f"{'six numbers' if column.kind == 'wrench' else column.kind} in the column {column.name} of {path}",
+                got=f"{found}",
+                remedy="build it again from its sources",
+            )
+
+
 def _decoded_text_bytes(path: Path, metadata: Any) -> int:
-    """Return the size of those decoded texts of a file that can be large, without decoding them."""
+    """Return the size of those decoded texts and images of a file that can be large, without decoding them; raises `ValueError`.
+
+    Only a dictionary makes values larger than the file; images that we write have none.
+    """
     size = 0
     for group in range(metadata.num_row_groups):
         columns = metadata.row_group(group)
         for number in range(metadata.num_columns):
             column = columns.column(number)
-            is_text = column.physical_type == "BYTE_ARRAY" and "." not in column.path_in_schema
+            if column.num_values > _MOST_VALUES_PER_ROW * columns.num_rows:
+                raise ValueError(f"{column.num_values} values of {column.path_in_schema} in {columns.num_rows} rows")
+            is_text = column.physical_type == "BYTE_ARRAY"
             if is_text and column.has_dictionary_page and column.total_uncompressed_size * column.num_values > 1e7:
                 name = column.path_in_schema
                 read = pq.ParquetFile(path, read_dictionary=[name]).read_row_group(group, columns=[name])
-                for chunk in read[name].chunks:
+                for chunk in read.column(0).chunks:
+                    while pa.types.is_struct(chunk.type):  # of images
+                        chunk = chunk.field(0)
+                    if not pa.types.is_dictionary(chunk.type):
+                        raise ValueError(f"{name} of another type than texts or images")
                     lengths = pc.binary_length(chunk.dictionary).cast(pa.int64())
                     size += pc.sum(lengths.take(chunk.indices)).as_py() or 0
     return size
@@ -216,14 +237,6 @@ def require_pair_columns(path: Path) -> None:
             got=f"no column {missing[0]}",
             remedy="give the folder of a data set of pairs",
         )
-    for column in PAIR_COLUMNS:
-        found_type = schema.field(column.name).type
-        if not _holds_kind(found_type, column.kind):
-            raise FileFormatError(
-                expected=f"{'six numbers' if column.kind == 'wrench' else column.kind} in the column {column.name} of {path}",
-                got=f"{found_type}",
-                remedy="build it again from its sources",
-            )
 
 
 def _holds_kind(found: pa.DataType, kind: str) -> bool:
@@ -232,8 +245,13 @@ def _holds_kind(found: pa.DataType, kind: str) -> bool:
         is_list = pa.types.is_list(found) or pa.types.is_large_list(found) or pa.types.is_fixed_size_list(found)
         size = getattr(found, "list_size", len(_NO_WRENCH))
         return is_list and size == len(_NO_WRENCH) and pa.types.is_floating(found.value_type)
-    if pa.types.is_null(found) or kind == "image":
+    if pa.types.is_null(found):
         return True
+    if kind == "image":
+        stored = (
+            found.field("bytes").type if pa.types.is_struct(found) and found.get_field_index("bytes") >= 0 else found
+        )
+        return bool(pa.types.is_binary(stored) or pa.types.is_large_binary(stored))
     if kind == "string":
         stored = found.value_type if pa.types.is_dictionary(found) else found
         return bool(pa.types.is_string(stored) or pa.types.is_large_string(stored))

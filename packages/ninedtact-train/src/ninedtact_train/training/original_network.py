@@ -45,6 +45,7 @@ class OriginalNetworkForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
+        self.require_own_reading(reading)
         if reading.image_warnings:
             return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
         std, stamp_ns = np.array(PUBLISHED_SCORES_AT_SKIN.rmse), reading.frame.stamp_ns

@@ -127,7 +127,9 @@ class KnownLoadCalibration:
         return self._estimators[self._middle]
 
     def _estimator_of(self, sensor: SensorFolder) -> ForceEstimator:
-        return sensor.estimator(self._force, with_force_scale=False)
+        estimator = sensor.estimator(self._force, with_force_scale=False)
+        estimator.calibration_checksum = ""  # those of all bases read the images of the sensor as calibrated
+        return estimator
 
     def require_references(self, frames: Sequence[Frame]) -> None:
         """Raise `InputError` for images without contact that cannot be those of this sensor."""

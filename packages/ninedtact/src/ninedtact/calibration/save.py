@@ -18,13 +18,18 @@ from ninedtact.atomic_write import (
     refuse_working_directory,
     write_file_atomically,
 )
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY
 from ninedtact.calibration.certificate.checks import has_failed_checks
 from ninedtact.calibration.certificate.html_page import render_certificate_html
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, SensorFolderDamaged, load_sensor
-from ninedtact.calibration.sensor_toml_schema import NOT_CALIBRATED, SensorTomlRecord, StoredCalibrationImage
+from ninedtact.calibration.sensor_toml_schema import (
+    SensorTomlRecord,
+    StoredCalibrationImage,
+    sensor_record_checksum,
+    sensor_record_tables,
+)
 from ninedtact.errors import OutputError
 from ninedtact.quantities import BgrImage
 
@@ -139,8 +144,7 @@ def _encode_png(image: BgrImage) -> bytes:
 
 def to_sensor_toml(record: SensorTomlRecord) -> bytes:
     """Return the record as the text of `sensor.toml`, with the checksum of its numbers."""
-    tables = msgspec.to_builtins(record, builtin_types=(type(record.created),))
-    return tomli_w.dumps({CHECKSUM_KEY: mapping_checksum(tables, NOT_CALIBRATED), **tables}).encode()
+    return tomli_w.dumps({CHECKSUM_KEY: sensor_record_checksum(record), **sensor_record_tables(record)}).encode()
 
 
 def list_later_measurements(folder: Path) -> frozenset[str]:

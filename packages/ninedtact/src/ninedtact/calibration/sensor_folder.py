@@ -30,6 +30,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     PixelMapTable,
     SensorTomlRecord,
     TwinTable,
+    sensor_record_checksum,
 )
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.design import Gel
@@ -101,6 +102,11 @@ class SensorFolder:
         return self.record.id
 
     @cached_property
+    def calibration_checksum(self) -> str:
+        """The checksum of all calibrated numbers, as in `sensor.toml`; sensors of one checksum are calibrated alike."""
+        return sensor_record_checksum(self.record)
+
+    @cached_property
     def shape(self) -> CalibratedShape:
         """The calibrated path from a camera frame to a height map."""
         depth, certificate = self.depth, self.record.certificate
@@ -115,6 +121,7 @@ class SensorFolder:
             None if self.record.twin is None else BaseDeflection(self.record.twin.gel, depth.base_stiffening),
             (EstimateWarning.CALIBRATION_EDITED,) if self.is_edited else (),
             None if certificate is None or certificate.ball is None else certificate.ball.range_mm,
+            self.calibration_checksum,
         )
 
     @property
@@ -318,6 +325,14 @@ def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, Any, str]:
         raise SensorFolderDamaged(
             f"expected {folder / SENSOR_FILE} as the program wrote it, got: {trouble}; restore the sensor folder or calibrate again"
         ) from trouble
+
+
+def checksum_of_sensor_toml(content: bytes) -> str:
+    """Return `SensorFolder.calibration_checksum` of the content of `sensor.toml`; empty where it cannot be read."""
+    try:
+        return mapping_checksum(parse_toml(content.decode()), NOT_CALIBRATED)
+    except ValueError:
+        return ""
 
 
 def _require_current_format(folder: Path, tables: dict[str, Any]) -> None:

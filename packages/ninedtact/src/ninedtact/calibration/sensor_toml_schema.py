@@ -6,11 +6,12 @@ standard deviation.
 
 import re
 from datetime import datetime
-from typing import Annotated
+from typing import Annotated, Any
 
+import msgspec
 from msgspec import Meta, Struct, field
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds_and_checked_reading import mapping_checksum, require_within_bounds
 from ninedtact.design import Gel, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import WIDEST_FACTOR
@@ -372,3 +373,14 @@ class SensorTomlRecord(Struct, frozen=True, forbid_unknown_fields=True, omit_def
 
     def __post_init__(self) -> None:
         require_sensor_id(self.id)
+
+
+def sensor_record_checksum(record: SensorTomlRecord) -> str:
+    """Return the checksum of all calibrated numbers of a sensor."""
+    return mapping_checksum(sensor_record_tables(record), NOT_CALIBRATED)
+
+
+def sensor_record_tables(record: SensorTomlRecord) -> dict[str, Any]:
+    """Return the tables of `sensor.toml`, without the checksum."""
+    tables: dict[str, Any] = msgspec.to_builtins(record, builtin_types=(datetime,))
+    return tables

@@ -27,7 +27,17 @@ _LARGEST_FILE_BYTES = 100_000_000
 _FORMATS = ("PNG", "JPEG", "BMP")
 _PNG, _JPEG, _BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM"
 _START_OF_SCAN, _END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
-_DECODING_ERRORS = (Image.DecompressionBombError, OSError, SyntaxError, ValueError, MemoryError, struct.error, KeyError)
+_DECODING_ERRORS = (
+    Image.DecompressionBombError,
+    OSError,
+    SyntaxError,
+    ValueError,
+    MemoryError,
+    struct.error,
+    KeyError,
+    AssertionError,
+    IndexError,
+)
 _CUT_SHORT = "a file that is cut short"
 _DAMAGED = "a damaged file"
 

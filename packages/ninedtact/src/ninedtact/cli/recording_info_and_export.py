@@ -11,7 +11,7 @@ import tyro
 from ninedtact._version import find_entry_point
 from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import print_notices, print_result
-from ninedtact.cli.shared_options import JsonOption
+from ninedtact.cli.shared_options import JsonOption, RecordedSensorOption
 from ninedtact.errors import InputError, MissingLibraryError
 from ninedtact.required_libraries import require_libraries
 
@@ -35,6 +35,7 @@ class Info:
     """File that `ninedtact record` or `ninedtact collect` wrote, finished or cut short."""
     whole_copy: Path | None = None
     """Write what is whole of a file that was cut short to this new file (.mcap), which other programs read too."""
+    sensor: RecordedSensorOption = None
     json: JsonOption = False
 
     def run(self) -> int:
@@ -42,19 +43,36 @@ class Info:
         from ninedtact.recording.errors import require_recording_libraries
 
         require_recording_libraries()
-        from ninedtact.recording.reader import Recording, recorded_sensor_addresses
-
         with ExitStack() as opened:
-            addresses = recorded_sensor_addresses(self.recording)
-            recordings = [opened.enter_context(Recording(address)) for address in addresses]
+            recordings = _open_each_sensor(opened, self.recording, self.sensor)
             if self.whole_copy is not None:
                 _write_whole_copy(recordings, self.whole_copy)
             summaries = [recording.summary() for recording in recordings]
             lines = [line for summary in summaries for line in _summary_lines(recordings[0].path, summary)]
             lines += _ending_lines(recordings, max(summary.seconds for summary in summaries))
             lines += [] if self.whole_copy is None else [f"  {self.whole_copy} holds what is whole."]
+            notices = _sensor_notices(recordings)
         figures = [asdict(summary) for summary in summaries]
-        return print_result(self.json, figures[0] if len(figures) == 1 else {"sensors": figures}, lines)
+        print_result(self.json, figures[0] if len(figures) == 1 else {"sensors": figures}, lines)
+        print_notices(notices)
+        return 0
+
+
+def _open_each_sensor(opened: ExitStack, path: Path, sensor: Path | None) -> "list[Recording]":
+    """Open the recording of each sensor of a file, or that of the sensor whose folder is given."""
+    from ninedtact.recording.reader import Recording, recorded_sensor_addresses
+
+    addresses = recorded_sensor_addresses(path) if sensor is None else [str(path)]
+    return [opened.enter_context(Recording(address, sensor)) for address in addresses]
+
+
+def _sensor_notices(recordings: "list[Recording]") -> list[str]:
+    """Return a sentence for each recording that carries no sensor folder."""
+    return [
+        f"{one.path} carries no sensor folder for {one.sensor!r}: its images can be measured with --sensor FOLDER"
+        for one in recordings
+        if not one.sensor_files()
+    ]
 
 
 def _write_whole_copy(recordings: "list[Recording]", out: Path) -> None:
@@ -73,7 +91,8 @@ def _write_whole_copy(recordings: "list[Recording]", out: Path) -> None:
 def _summary_lines(path: Path, summary: "RecordingSummary") -> Iterator[str]:
     yield f"{path}: {summary.seconds:.1f} s from {summary.began}, {path.stat().st_size / 1e6:.1f} MB"
     named = f"{summary.name}: " * bool(summary.name)
-    yield f"  {named}sensor {summary.sensor}, images from {summary.source}"
+    calibration = f" (calibration {summary.calibration_checksum[:8]})" * bool(summary.calibration_checksum)
+    yield f"  {named}sensor {summary.sensor}{calibration}, images from {summary.source}"
     if summary.force_torque:
         yield f"  forces from {summary.force_torque}"
     for topic in summary.topics:
@@ -152,6 +171,7 @@ class Export:
     fps: int | None = None
     """With `--to lerobot`: frames per second of the data set; the nearest images are taken. Otherwise all images are, and the
     recordings must have one rate, within 5 %."""
+    sensor: RecordedSensorOption = None
     points_every: int = 4
     """With `--to rerun`: write the points of every so many rows and columns of the height map."""
     json: JsonOption = False
@@ -170,18 +190,14 @@ class Export:
         from tqdm import tqdm
 
         from ninedtact.recording.export import export_each_sensor
-        from ninedtact.recording.reader import Recording, recorded_sensor_addresses
+        from ninedtact.recording.reader import Recording
         from ninedtact.recording.topics_and_messages import Topic
 
         with ExitStack() as opened:
-            # These are of one sensor, which `Recording` asks for.
-            of_one_sensor = self.to in ("lerobot", "rerun")
-            addresses = (
-                [str(path) for path in self.recordings]
-                if of_one_sensor
-                else recorded_sensor_addresses(self.recordings[0])
-            )
-            recordings = [opened.enter_context(Recording(address)) for address in addresses]
+            if self.to == "files":
+                recordings = _open_each_sensor(opened, self.recordings[0], self.sensor)
+            else:  # these are of one sensor, which `Recording` asks for
+                recordings = [opened.enter_context(Recording(path, self.sensor)) for path in self.recordings]
             images = sum(len(recording.positions(Topic.IMAGES)) for recording in recordings)
             with tqdm(total=images, unit="images", disable=True if self.json else None) as bar:
                 if self.to == "lerobot":
@@ -196,9 +212,9 @@ class Export:
                 else:
                     written = export_each_sensor(recordings, self.out, on_image=bar.update)
             is_finished = all(recording.is_finished for recording in recordings)
-            notices = _ending_notices(recordings)
+            notices = [*_sensor_notices(recordings), *_ending_notices(recordings).values()]
         figures = {"out": str(self.out), "finished": is_finished, "written": written}
         lines = [f"{self.out}:", *(f"  {number:8d}  {kind}" for kind, number in written.items())]
         print_result(self.json, figures, lines)
-        print_notices(notices.values())
+        print_notices(notices)
         return 0 if is_finished else 1

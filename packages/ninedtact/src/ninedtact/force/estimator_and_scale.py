@@ -28,7 +28,7 @@ from ninedtact.bounds_and_checked_reading import (
     parse_toml,
     read_text_file,
 )
-from ninedtact.errors import FileFormatError
+from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import EstimateWarning, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
@@ -40,6 +40,8 @@ class ForceEstimator(ABC):
     """The name that is displayed, and the key of the force scale in a sensor folder."""
     model_sha256: str = ""
     """SHA-256 of the file of its network, which tells two models of one name apart; empty for estimators without a network."""
+    calibration_checksum: str = ""
+    """That of the calibration whose readings alone it estimates (`SensorFolder.calibration_checksum`); empty for any sensor's."""
 
     @property
     def notices(self) -> tuple[str, ...]:
@@ -56,6 +58,16 @@ class ForceEstimator(ABC):
     def add_force(self, reading: Reading) -> Reading:
         """Return the reading with its wrench."""
         return reading.with_force(self.estimate(reading))
+
+    def require_own_reading(self, reading: Reading) -> None:
+        """Raise `InputError` for a reading of another calibration than the one that this estimator was made for."""
+        own, others = self.calibration_checksum, reading.calibration_checksum
+        if own and others and own != others:
+            raise InputError(
+                expected=f"a reading of the sensor that this estimator was made for (calibration {own[:8]})",
+                got=f"one of another sensor or calibration ({others[:8]})",
+                remedy="take shape and estimator from one load_sensor(FOLDER)",
+            )
 
     @abstractmethod
     def forget(self) -> None:
@@ -158,6 +170,7 @@ class ScaledForceEstimator(ForceEstimator):
 
     def __init__(self, estimator: ForceEstimator, adaptation: ForceScale, file_notices: tuple[str, ...] = ()) -> None:
         self.name, self.model_sha256 = estimator.name, estimator.model_sha256
+        self.calibration_checksum = estimator.calibration_checksum
         self.estimator, self.adaptation, self._file_notices = estimator, adaptation, file_notices
 
     @property
@@ -173,6 +186,7 @@ class ScaledForceEstimator(ForceEstimator):
         Nothing is estimated from an image that cannot be a press on this sensor: its wrench is zero with an infinite standard
         deviation, and carries a warning.
         """
+        self.require_own_reading(reading)
         if reading.image_warnings:
             self.estimator.forget()
             return unknown_wrench_estimate(reading.frame.stamp_ns, reading.image_warnings)

@@ -21,7 +21,8 @@ _MODEL_SUFFIX, _WEIGHTS_SUFFIX = ".onnx", ".pt"
 
 
 def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEstimator":
-    """Return the estimator for this calibration and this gel, without the force scale of a sensor folder.
+    """Return the estimator for this calibration and this gel, without the force scale of a sensor folder. It refuses readings of
+    another calibration.
 
     spec: `physics`, `none`, or the path of a force model (.onnx) or of the original project's weights (.pt). Raises `InputError`,
     `ForceModelUnusable`, `FileFormatError`, and `ForceEstimationError` for a calibration that does not know how the gel scatters
@@ -41,9 +42,16 @@ def build_estimator(spec: str, shape: "CalibratedShape", gel: "Gel") -> "ForceEs
         from ninedtact.force.network_input import sensor_features_of
         from ninedtact.force.onnx_model import read_force_model
 
-        return NetworkForce(read_force_model(path), gel, features=sensor_features_of(shape, gel))
+        return NetworkForce(
+            read_force_model(path),
+            gel,
+            features=sensor_features_of(shape, gel),
+            calibration_checksum=shape.calibration_checksum,
+        )
     if path.suffix.lower() == _WEIGHTS_SUFFIX:
-        return _read_original_weights(path)
+        estimator = _read_original_weights(path)
+        estimator.calibration_checksum = shape.calibration_checksum
+        return estimator
     raise InputError(
         expected=f"--force {PHYSICS}, {NONE}, a force model (*{_MODEL_SUFFIX}) or the original project's weights "
         f"(*{_WEIGHTS_SUFFIX})",

@@ -44,6 +44,7 @@ class NetworkForce(ForceEstimator):
     contact_test: ContactTest = detect_contact
     features: SensorFeatures | None = None
     """Features of the sensor; models that need only the gel's thickness run without them."""
+    calibration_checksum: str = ""
 
     def __post_init__(self) -> None:
         self.name, self.model_sha256 = self.model.card.name, self.model.sha256
@@ -63,6 +64,7 @@ class NetworkForce(ForceEstimator):
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
         """Return the wrench of the object on the skin, torques about the skin's centre; exactly zero where nothing touches."""
+        self.require_own_reading(reading)
         if reading.image_warnings:
             return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
         if self.contact_test(reading):

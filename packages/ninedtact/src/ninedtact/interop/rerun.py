@@ -5,6 +5,7 @@ Entities, each below the name of the sensor:
     image        camera image, JPEG          wrench_estimated/force_z (and five more)  value, value − σ, value + σ
     heights      in colours, JPEG            wrench_measured/force_z (and five more)   value of the force/torque sensor
     surface      points in mm, coloured      warnings                                  warnings of the estimates, as text
+    reference    rectified, without contact  sensor                                    its name, and the checksum of its calibration
     indentation  maximum indentation, mm
 
 Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`, the wall time of arrival of an image or sample,
@@ -26,7 +27,7 @@ from numpy import ndarray as Array
 
 from ninedtact.atomic_write import open_atomic_file
 from ninedtact.errors import OutputError
-from ninedtact.quantities import HeightMap
+from ninedtact.quantities import HeightMap, Rectified
 from ninedtact.reading import Reading
 from ninedtact.recording.export import require_exportable
 from ninedtact.recording.reader import Recording
@@ -86,6 +87,17 @@ class RerunLog:
             colours, widths = [colour] * len(lines), [2.0, 0.7, 0.7][: len(lines)]
             style = rr.SeriesLines(names=names, colors=colours, widths=widths)
             self._stream.log(entity, style, static=True)
+
+    def log_sensor(self, name: str, calibration_checksum: str) -> None:
+        """Log which sensor this is, and the checksum of its calibration (`SensorFolder.calibration_checksum`)."""
+        text = f"sensor {name}\n\ncalibration {calibration_checksum or 'unknown'}"
+        self._stream.log(f"{self._root}/sensor", rr.TextDocument(text), static=True)
+
+    def log_reference(self, reference: Rectified, wall_ns: int, index: int) -> None:
+        """Log the rectified reference image (no contact) against which heights are computed from this image on."""
+        self._set_time(wall_ns, index)
+        png = cv2.imencode(".png", np.clip(np.rint(reference.grey), 0, 255).astype(np.uint8))[1].tobytes()
+        self._stream.log(f"{self._root}/reference", rr.EncodedImage(contents=png, media_type="image/png"))
 
     def log_warnings(self, warnings: list[str], wall_ns: int, index: int) -> None:
         """Log the warnings of an estimate."""
@@ -204,10 +216,15 @@ class _StreamWriter:
 
 def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], None]) -> dict[str, int]:
     log.log_blueprint()
+    log.log_sensor(recording.sensor, recording.calibration_checksum)
     wall_ns, readings = recording.metadata.wall_ns, 0
     stamps_ns: dict[int, int] = {}
+    reference: Rectified | None = None
     for readings, reading in enumerate(recording.readings(), start=1):  # noqa: B007 - counted
         stamps_ns[reading.frame.index] = reading.stamp_ns
+        if reading.reference is not reference:
+            reference = reading.reference
+            log.log_reference(reference, wall_ns(reading.stamp_ns), reading.frame.index)
         log.log_reading(reading, wall_ns(reading.stamp_ns))
         on_image()
     written = {"readings": readings}

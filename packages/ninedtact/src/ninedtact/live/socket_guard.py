@@ -26,7 +26,9 @@ from urllib.parse import urlsplit
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import DATA_OPCODES
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from ninedtact.errors import DeviceError, InputError
 from ninedtact.live.server_log import one_line_logger
@@ -55,6 +57,10 @@ class SocketLimits:
     """Messages, pings and fragments per second above which a client is disconnected; a moved mouse makes 50."""
     clients: int = 32
     """Most clients at a time."""
+    speaks_within_s: float | None = None
+    """Time within which a client sends its first message, as a page does when it is ready; those that have sent none make room for
+    others. None for servers whose clients only read.
+    """
     send_timeout_s: float = 10.0
     """Time after which a client that does not read what it is sent is disconnected."""
     acknowledged_bytes: int = 16 * 1024
@@ -142,7 +148,7 @@ class SocketGuard:
     ) -> Response | None:
         """Answer a request that is refused; hand on all others."""
         refusal = self.find_refusal(request, *connection.local_address[:2])
-        if refusal is None and len(connection.server.connections) >= self.limits.clients:
+        if refusal is None and not self._has_room(connection):
             refusal = 503, f"expected at most {self.limits.clients} browsers on the page, got one more; close others"
         if refusal is not None:
             connection.logger.warning("refused %s: %s", format_peer(connection), refusal[1])
@@ -155,6 +161,16 @@ class SocketGuard:
         if response is not None:
             response.headers.update(self._response_headers(request))
         return response
+
+    def _has_room(self, newcomer: ServerConnection) -> bool:
+        """Return whether there is room for one more client, which the one makes that has been silent since the longest time."""
+        clients = newcomer.server.connections
+        if len(clients) < self.limits.clients:
+            return True
+        silent = [one for one in clients if isinstance(one, GuardedConnection) and one.owes_message]
+        if silent:
+            min(silent, key=lambda one: one.opened_s).disconnect("it has sent nothing, and another client came")
+        return bool(silent)
 
     def _response_headers(self, request: Request) -> dict[str, str]:
         """Return headers that keep the page from loading, connecting to, or being framed by anything else.
@@ -184,16 +200,29 @@ class GuardedConnection(ServerConnection):
         """Number of messages that do not wait on their way to the client any more."""
         self._second, self._events_in_second = 0.0, 0
         self._unanswered: deque[Awaitable[float]] = deque()
+        self.opened_s, self._has_spoken = self.loop.time(), False
+        if limits.speaks_within_s is not None:
+            self.loop.call_later(limits.speaks_within_s, self._disconnect_if_silent, limits.speaks_within_s)
+
+    @property
+    def owes_message(self) -> bool:
+        """Whether the client has still to send the first message that is expected of it."""
+        return self._limits.speaks_within_s is not None and not self._has_spoken
+
+    def _disconnect_if_silent(self, seconds: float) -> None:
+        if self.owes_message and self.state is State.OPEN:
+            self.disconnect(f"it sent nothing in {seconds:g} s")
 
     def process_event(self, event: Any) -> None:
         """Handle one frame of the client, unless it sends too many."""
         if (now_s := self.loop.time()) - self._second >= 1:
             self._second, self._events_in_second = now_s, 0
         self._events_in_second += 1
+        self._has_spoken = self._has_spoken or getattr(event, "opcode", None) in DATA_OPCODES
         if self._events_in_second <= self._limits.messages_per_s:
             super().process_event(event)
         elif self._events_in_second == self._limits.messages_per_s + 1:
-            self._end(f"it sent more than {self._limits.messages_per_s} messages in a second")
+            self.disconnect(f"it sent more than {self._limits.messages_per_s} messages in a second")
 
     async def send(self, message: Any, text: bool | None = None) -> None:
         """Send a message after the client has received the earlier ones; end with a client that does not read."""
@@ -207,7 +236,7 @@ class GuardedConnection(ServerConnection):
                     self._unanswered.append(await self.ping())
                 self.sent += 1
         except TimeoutError:
-            self._end(f"it did not read for {self._limits.send_timeout_s:g} s")
+            self.disconnect(f"it did not read for {self._limits.send_timeout_s:g} s")
             await self.wait_closed()
             raise self.protocol.close_exc from None
 
@@ -218,7 +247,7 @@ class GuardedConnection(ServerConnection):
                 await super().close(*args, **options)
         self.transport.abort()
 
-    def _end(self, reason: str) -> None:
+    def disconnect(self, reason: str) -> None:
         """Disconnect a client at once."""
         self.logger.warning("disconnected %s: %s", format_peer(self), reason)
         self.transport.abort()

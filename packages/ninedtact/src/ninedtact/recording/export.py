@@ -16,7 +16,7 @@ from ninedtact.atomic_write import create_folder_atomically, write_file_atomical
 from ninedtact.errors import OutputError, printable_text
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
-from ninedtact.recording.topics_and_messages import Topic
+from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
 
 WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 """Names of the six components of a wrench in exported files."""
@@ -130,10 +130,15 @@ def _export_images(recording: Recording, out: Path, on_image: Callable[[], None]
 
 
 def _export_references(recording: Recording, out: Path) -> int:
-    """Write the reference images (no contact), named by the tare that they belong to."""
+    """Write the reference images (no contact), named by the tare that they belong to, and rectified ones by their stamps."""
     count = 0
     for count, frame in enumerate(recording.frames(Topic.REFERENCE), start=1):
         _write_png(out / "references" / f"reference_{frame.index:03d}_{count:05d}.png", frame.image)
+    for message in recording.messages(Topic.REFERENCE_GREY):
+        count += 1
+        (out / "references").mkdir(exist_ok=True)
+        grey = recording.decode(message, decode_reference_grey)
+        np.save(out / "references" / f"rectified_{message.log_time}.npy", grey, allow_pickle=False)
     return count
 
 

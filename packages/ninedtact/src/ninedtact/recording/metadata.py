@@ -29,7 +29,7 @@ RECORDING_FORMAT = 3
 """Format number; recordings of other formats are refused. 3: storage of images and heights, and the camera delay, are stated."""
 ImageStorage = Literal["zstd", "png"]
 """How images are stored, both without loss: raw in chunks that zstd compresses, or each as a PNG."""
-_LATEST_NS = 1 << 62
+LATEST_NS = 1 << 62
 """Greatest difference of two clocks; a stamp and it remain within 64 bits."""
 HEIGHT_STEP_16_BIT_MM = 0.001
 """Quantisation step of heights of 16 bits: a twentieth of the noise of one pixel; they reach ±32 mm."""
@@ -73,7 +73,7 @@ class RecordingMetadata:
     software: str = __version__
     """Version of the package that made the recording."""
     id: str = field(default_factory=lambda: f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{token_hex(2)}")
-    wall_minus_monotonic_ns: Annotated[int, Meta(ge=-_LATEST_NS, le=_LATEST_NS)] = field(
+    wall_minus_monotonic_ns: Annotated[int, Meta(ge=-LATEST_NS, le=LATEST_NS)] = field(
         default_factory=wall_minus_monotonic_ns
     )
 

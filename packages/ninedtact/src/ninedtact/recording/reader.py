@@ -9,7 +9,7 @@ from functools import cached_property
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float32, Int64, UInt8
@@ -22,12 +22,8 @@ from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import McapFile, is_being_written
-from ninedtact.recording.metadata import (
-    REPAIR_RECORD,
-    choose_sensor_metadata,
-    parse_sensor_metadata,
-)
-from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, summarise_topic
+from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, REPAIR_RECORD, choose_sensor_metadata
+from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, median_rate_hz, summarise_topic
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     PairLabel,
@@ -44,8 +40,13 @@ from ninedtact.recording.topics_and_messages import (
     decode_reference_grey,
     decode_wrench,
     decode_wrench_estimate,
+    ros_name,
 )
+from ninedtact.recording.topics_of_other_programs import is_of_other_program, read_sensor_metadata
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader, FindReferenceFaults
+
+if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
 
 Decoded = TypeVar("Decoded")
 SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
@@ -67,15 +68,21 @@ class Recording:
             print(frame.stamp_ns, frame.image.shape)
     """
 
-    def __init__(self, path: Path | str) -> None:
-        """Open the file and find its messages; raises `CameraError` or `RecordingUnreadable`.
+    def __init__(self, path: Path | str, sensor: Path | str | None = None) -> None:
+        """Open the file and find its messages; raises `CameraError`, `RecordingUnreadable`, and `SensorFolderDamaged`.
 
-        path: of a recording of several sensors, with the name of one of them: `grasp.mcap#left`.
+        path: of a recording of several sensors, with the name of one of them: `grasp.mcap#left`. sensor: a sensor folder in place
+        of the one that the recording carries; those that other programs wrote from our topics carry none.
         """
         self.path, name = _split_address(str(path))
         self.file = McapFile(self.path)
+        self._sensor_folder = None if sensor is None else Path(sensor)
+        self.is_of_other_program = is_of_other_program(self.file)
+        """Whether another program wrote the file, which kept neither metadata nor the numbers of images."""
         try:
-            self.all_metadata = parse_sensor_metadata(self.file.metadata, self.path)
+            self.all_metadata = read_sensor_metadata(self.file)
+            if self._sensor_folder is not None:
+                name = name or self._name_of(self._sensor_folder)
             self.metadata = choose_sensor_metadata(self.all_metadata, name, self.path)
         except BaseException:
             self.close()
@@ -85,6 +92,17 @@ class Recording:
     def sensor(self) -> str:
         """Name of the tactile sensor, as in its sensor.toml."""
         return self.metadata.sensor
+
+    def is_named_after(self, sensor: "SensorFolder") -> bool:
+        """Return whether the recorded sensor has the name of this one, of which topics keep letters and digits."""
+        return self.sensor == (ros_name(sensor.id) if self.is_of_other_program else sensor.id)
+
+    def _name_of(self, folder: Path) -> str:
+        """Return the name among several sensors that another program kept of the sensor of a folder; empty where there is none."""
+        from ninedtact.calibration.sensor_folder import load_sensor
+
+        name = ros_name(load_sensor(folder).id)
+        return name if self.is_of_other_program and name in {one.name for one in self.all_metadata} else ""
 
     @property
     def is_finished(self) -> bool:
@@ -142,11 +160,19 @@ class Recording:
         return map(self.file.message, self.positions(topic))
 
     def message_of_image(self, topic: Topic, image: Frame | Message) -> Message | None:
-        """Return the message of a topic with the stamp and the number of an image; None where the image has none."""
+        """Return the message of a topic with the stamp and the number of an image; None where the image has none.
+
+        Another program received the messages of an image one after the other and kept no numbers: the nearest one is taken.
+        """
         stamp_ns, index = (
             (image.stamp_ns, image.index) if isinstance(image, Frame) else (image.log_time, image.sequence)
         )
         positions = self.positions(topic)
+        if self.is_of_other_program and len(positions):
+            away_ns = np.abs(positions["stamp_ns"] - stamp_ns)
+            nearest = int(away_ns.argmin())
+            within_ns = 0.5e9 / median_rate_hz(self.stamps_ns(Topic.IMAGES))
+            return self.file.message(positions[nearest]) if away_ns[nearest] <= within_ns else None
         messages = map(self.file.message, positions[positions["stamp_ns"] == stamp_ns])
         return next((message for message in messages if message.sequence == index), None)
 
@@ -176,7 +202,22 @@ class Recording:
                 got=f"{image.shape[1]} x {image.shape[0]}",
                 remedy="restore the file from a copy",
             )
-        return Frame(image, message.log_time, message.sequence)
+        images = self.positions(Topic.IMAGES)
+        if self._has_numbers or position["channel"] != images["channel"][0]:
+            return Frame(image, message.log_time, message.sequence)
+        return Frame(image, message.log_time, int(np.flatnonzero(images == position)[0]))
+
+    def image_index(self, message: Message) -> int:
+        """Return the number of the image that a message belongs to; the place of the nearest one where the file has no numbers."""
+        if self._has_numbers:
+            return message.sequence
+        return int(np.abs(self.stamps_ns(Topic.IMAGES) - message.log_time).argmin())
+
+    @cached_property
+    def _has_numbers(self) -> bool:
+        """Whether images are numbered, which other programs need not do."""
+        first_two = [self.file.message(one).sequence for one in self.positions(Topic.IMAGES)[:2]]
+        return not self.is_of_other_program or len(set(first_two)) == 2
 
     @cached_property
     def _image_shapes(self) -> dict[int, tuple[int, ...]]:
@@ -185,7 +226,7 @@ class Recording:
         return {int(one["channel"]): self._decode_image(self.file.message(one)).shape for one in firsts}
 
     def _decode_image(self, message: Message) -> UInt8[Array, "rows cols 3"]:
-        return self.decode(message, decode_image, self.metadata.images)
+        return self.decode(message, decode_image, self.metadata.images, self.is_of_other_program)
 
     def frames(self, topic: Topic = Topic.IMAGES) -> Iterator[Frame]:
         """Yield all frames, or the reference images with `Topic.REFERENCE`."""
@@ -223,7 +264,7 @@ class Recording:
     def warnings(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the image index and the warnings of every image whose heights or estimate have any."""
         return (
-            (message.sequence, self.decode(message, decode_estimate_warnings))
+            (self.image_index(message), self.decode(message, decode_estimate_warnings))
             for message in self.messages(Topic.WARNINGS)
         )
 
@@ -243,11 +284,12 @@ class Recording:
 
     def heights(self) -> Iterator[tuple[int, Float32[Array, "rows cols"]]]:
         """Yield the image index and the heights in mm, NaN out of view."""
-        return ((message.sequence, self.decode_heights(message)) for message in self.messages(Topic.HEIGHTS))
+        return ((self.image_index(message), self.decode_heights(message)) for message in self.messages(Topic.HEIGHTS))
 
     def decode_heights(self, message: Message) -> Float32[Array, "rows cols"]:
         """Return the heights of a message in mm, NaN out of view."""
-        return self.decode(message, decode_height_map, self.metadata.height_step_mm)
+        step_mm = HEIGHT_STEP_16_BIT_MM if self.is_of_other_program else self.metadata.height_step_mm
+        return self.decode(message, decode_height_map, step_mm)
 
     def labels(self) -> Iterator[PairLabel]:
         """Yield the labels of all saved pairs, undone contacts included."""
@@ -284,7 +326,7 @@ class Recording:
             ) from error
 
     def save_sensor_folder(self, into: Path) -> Path:
-        """Write the attached sensor folder; raises `RecordingUnreadable` where the recording carries none."""
+        """Write the sensor folder, the given or the attached one; raises `RecordingUnreadable` where there is none."""
         files = self.sensor_files()
         if not files:
             raise RecordingUnreadable(
@@ -300,6 +342,8 @@ class Recording:
 
     def sensor_files(self) -> dict[str, bytes]:
         """Return the content of the attached sensor folder's files by their paths in it; paths leading elsewhere are skipped."""
+        if self._sensor_folder is not None:
+            return read_folder_files(self._sensor_folder)
         folder, files = PurePosixPath(_attached_folder(self.metadata.name)).parts, {}
         for attachment in self.file.attachments():
             parts = PurePosixPath(attachment.name).parts
@@ -307,12 +351,21 @@ class Recording:
                 files[str(PurePosixPath(*parts[len(folder) :]))] = attachment.data
         return files
 
+    @cached_property
+    def calibration_checksum(self) -> str:
+        """`SensorFolder.calibration_checksum` of the sensor folder; empty where there is none, or none that can be read."""
+        from ninedtact.calibration.sensor_folder import SENSOR_FILE, checksum_of_sensor_toml
+
+        text = self.sensor_files().get(SENSOR_FILE)
+        return "" if text is None else checksum_of_sensor_toml(text)
+
     def summary(self) -> RecordingSummary:
         """Return sensor, duration, topics with rates and gaps, drops, pairs and events."""
         metadata = self.metadata
         began = datetime.fromtimestamp(metadata.wall_ns(self.began_ns) / 1e9, UTC)
         return RecordingSummary(
             sensor=metadata.sensor,
+            calibration_checksum=self.calibration_checksum,
             name=metadata.name,
             source=metadata.source,
             force_torque=metadata.force_torque,
@@ -471,7 +524,7 @@ def recorded_sensor_addresses(path: Path | str) -> list[str]:
     if name:
         return [str(path)]
     with closing(McapFile(plain)) as file:
-        names = [metadata.name for metadata in parse_sensor_metadata(file.metadata, plain)]
+        names = [metadata.name for metadata in read_sensor_metadata(file)]
     return [f"{plain}#{name}" if name else str(plain) for name in names]
 
 

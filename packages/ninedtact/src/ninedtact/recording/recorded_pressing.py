@@ -87,7 +87,7 @@ class RecordedPressing(FreePressing):
     def _require_of(self, sensor: SensorFolder) -> None:
         """Raise `InputError` for a recording of another sensor, or without images and samples."""
         recording = self._recording
-        if recording.sensor != sensor.id:
+        if not recording.is_named_after(sensor):
             raise InputError(
                 expected=f"a recording of sensor {sensor.id}",
                 got=f"{self.name} of sensor {recording.sensor}",

@@ -40,7 +40,7 @@ def read_first_reference(path: Path | str, sensor: SensorFolder, check: Referenc
 def _find_rectified_faults(recording: Recording, path: Path | str, sensor: SensorFolder) -> tuple[str, ...]:
     """Return why images that were recorded rectified cannot be reference images of a sensor; empty where they can."""
     own = recording.sensor_files().get(SENSOR_FILE)
-    is_own = recording.sensor == sensor.id if own is None else own == (sensor.path / SENSOR_FILE).read_bytes()
+    is_own = recording.is_named_after(sensor) if own is None else own == (sensor.path / SENSOR_FILE).read_bytes()
     return () if is_own else (f"{path} was rectified with another calibration than that of {sensor.path}",)
 
 

@@ -33,6 +33,8 @@ class RecordingSummary:
     """A summary of the content of a recording, as `ninedtact info` prints it."""
 
     sensor: str
+    calibration_checksum: str
+    """That of the sensor folder in the recording; empty where there is none."""
     name: str
     """Name of the sensor among several of the recording; empty where it is the only one."""
     source: str

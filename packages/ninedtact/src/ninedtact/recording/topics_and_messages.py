@@ -244,18 +244,18 @@ def encode_event(event: RecordingEvent) -> bytes:
     return _encode_json(Topic.EVENTS, _without_stamp(event))
 
 
-def decode_image(data: bytes, images: str = "zstd") -> UInt8[Array, "rows cols 3"]:
-    """Return the image of a message in its own memory; raises `FileFormatError` for what is no PNG of 8 bits."""
+def decode_image(data: bytes, images: str = "zstd", accepts_jpeg: bool = False) -> UInt8[Array, "rows cols 3"]:
+    """Return the image of a message in its own memory; raises `FileFormatError` for what is no PNG of 8 bits, or JPEG."""
     if images == "png":
-        png = type_store().deserialize_cdr(data, _COMPRESSED_IMAGE_TYPE).data
-        return decode_image_file(png.tobytes(), "PNG")
+        file = type_store().deserialize_cdr(data, _COMPRESSED_IMAGE_TYPE).data
+        return decode_image_file(file.tobytes(), "PNG", *["JPEG"] * accepts_jpeg)
     return _pixels(_decode(Topic.IMAGES, data), "bgr8", np.dtype(np.uint8), 3).copy()
 
 
 def decode_height_map(data: bytes, step_mm: float = 0.0) -> Float32[Array, "rows cols"]:
     """Return the heights of a message in mm, NaN out of view; step_mm: that of heights in 16 bits."""
     message = _decode(Topic.HEIGHTS, data)
-    if step_mm:
+    if step_mm and message.encoding == "16SC1":
         steps = _pixels(message, "16SC1", np.dtype("<i2"))
         return np.where(steps == _OUT_OF_VIEW_16_BIT, np.nan, steps * step_mm).astype(np.float32)
     z_m = _pixels(message, "32FC1", np.dtype("<f4"))

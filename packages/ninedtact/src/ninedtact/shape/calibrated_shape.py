@@ -195,6 +195,8 @@ class CalibratedShape:
     """Reasons to distrust everything that is measured with this calibration; every reading carries them."""
     range_mm: float | None = None
     """Depth to which the curve is calibrated; None where the curve gives depth itself."""
+    calibration_checksum: str = ""
+    """`SensorFolder.calibration_checksum`, which every reading carries; empty for a shape that is of no sensor folder."""
 
     @cached_property
     def light(self) -> LightCorrection:

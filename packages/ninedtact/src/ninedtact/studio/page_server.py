@@ -15,6 +15,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from functools import partial
 from html import escape
 from http.client import HTTPConnection
@@ -46,6 +47,8 @@ DEFAULT_PORTS = range(8080, 8100)
 _LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""
 _INTRODUCED_WITHIN_S = 10.0
+_READY_WITHIN_S = 30.0
+"""Time that a browser needs to draw the page at first, after which it sends its view."""
 _FETCHED_WITHIN_S = 30.0
 _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """What a page of this version of viser states when it connects."""
@@ -92,7 +95,8 @@ class PageServer:
         """Start viser; browsers reach it after `listen`."""
         rich.get_console().quiet = True  # viser prints a banner with the address that nobody is told
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)  # a viewer has just left
-        self._guard, self._address = guard, hidden_loopback_address()
+        limits = replace(guard.limits, speaks_within_s=_READY_WITHIN_S)
+        self._guard, self._address = replace(guard, limits=limits), hidden_loopback_address()
         self.viser, self.port = viser.ViserServer(host=self._address, port=0, label="9DTact", verbose=False), 0
         self.drawn_moments = DrawnMoments()
         self._front: Server | None = None

@@ -72,12 +72,15 @@ class TractionForce(ForceEstimator):
     solver: SolverSettings = SolverSettings()
     uncertainty: UncertaintyModel = UncertaintyModel()
     name: str = "force by physics"
+    calibration_checksum: str = ""
     last: InversionResult | None = field(default=None, init=False, repr=False)
     _inversions: dict[CellGrid, TractionInversion] = field(default_factory=dict, init=False, repr=False)
     """The inversion for each image size."""
 
     def estimate(self, reading: Reading) -> WrenchEstimate:
-        """Return the wrench about the skin's centre; raises `ForceEstimationError` for a reading that cannot be used."""
+        """Return the wrench about the skin's centre; raises `ForceEstimationError` for a reading that cannot be used, and
+        `InputError` for one of another sensor."""
+        self.require_own_reading(reading)
         if reading.image_warnings:
             self.forget()
             return unknown_wrench_estimate(reading.stamp_ns, reading.image_warnings)
@@ -172,7 +175,8 @@ def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> Tracti
             got="no gel",
             remedy="give SensorDesign().gel, or the gel of the sensor's twin",
         )
-    return TractionForce(build_brightness_observation_model(calibrated), gel)
+    model = build_brightness_observation_model(calibrated)
+    return TractionForce(model, gel, calibration_checksum=calibrated.calibration_checksum)
 
 
 _blas_lock, _blas_users = Lock(), list[Any]()
