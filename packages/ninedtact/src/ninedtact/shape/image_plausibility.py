@@ -2,11 +2,12 @@
 
 Light is lost or gained as a whole where an LED fails, a lamp shines in or the exposure changes. A press changes it locally: gel
 keeps its volume, so dents and bulges balance over the view, and half of the view keeps nearly the brightness of the reference
-image. A gain or gamma that is taken out of an image (`light_change`) must leave the border of the view even, and is judged itself:
-on the image as it was taken, so that no correction makes the light of another sensor plausible. The limits leave a factor of two or more around 600 simulated presses of up to 12 N on six sensors and the images of real
-ones, but for the mean height: a deep press that is measured from the reference image of another moment takes four fifths of it. An
-image of another sensor of the same make may have the same light. Where one image is asked about (`require_plausible_image`), the
-fine structure of its skin is therefore compared with that of the reference image as well.
+image. A gain or gamma that is taken out of an image (`light_change`) must leave the border of the view even, and is judged
+itself: on the image as it was taken, so that no correction makes the light of another sensor plausible. The limits leave a factor
+of two or more around 600 simulated presses of up to 12 N on six sensors and the images of real ones, but for the mean height: a
+deep press that is measured from the reference image of another moment takes four fifths of it. An image of another sensor of the
+same make may have the same light. Where one image is asked about (`require_plausible_image`), the fine structure of its skin is
+therefore compared with that of the reference image as well.
 """
 
 import cv2
@@ -41,7 +42,7 @@ _STRUCTURE_RANGE = 0.75, 1.3
 """Slope of the image's log brightness over the reference image's within that share; zero for an image without structure."""
 _BORDER_TILES = 6, 8
 """Tiles of the view, by rows and columns, of which those along its border are compared."""
-_MAX_BORDER_SPREAD = 0.016
+MAX_BORDER_SPREAD = 0.016
 """Deviation of the relative brightness of border tiles from their median, for the same share of them. Gel that is pressed leaves it
 below 0.009, and under pin boards below 0.011; between two sensors it is 0.012 to 0.08."""
 _MIN_STRUCTURE = 0.03
@@ -107,7 +108,7 @@ def find_image_warnings(
         or np.percentile(ratio[seen], _BRIGHT_PERCENTILE) > _MAX_BRIGHTENING
         or abs(mean_height_mm) > _MAX_MEAN_HEIGHT_MM
         or not _has_same_structure(np.log(np.maximum(now, 1)), np.log(then), seen)
-        or _border_spread(np.log(np.maximum(ratio, np.float32(1e-3))), seen) > _MAX_BORDER_SPREAD
+        or _border_spread(ratio, seen) > MAX_BORDER_SPREAD
     )
     return (EstimateWarning.IMAGE_UNLIKE_REFERENCE,) if differs else ()
 
@@ -142,8 +143,15 @@ def _has_same_structure(now: _Cells, then: _Cells, seen: Bool[Array, "rows cols"
     return spread <= _MAX_SPREAD and _STRUCTURE_RANGE[0] <= slope <= _STRUCTURE_RANGE[1]
 
 
-def _border_spread(change: _Cells, seen: Bool[Array, "rows cols"]) -> float:
-    """Return how much the tiles along the border of the view differ in their change of brightness; logarithm of the change."""
+def border_spread(image: Rectified, reference: Rectified) -> float:
+    """Return how much the light along the border of the view changed unevenly, as a fraction; all of the view shows skin."""
+    now, then = (_shrink(one.grey) for one in (image, reference))
+    return _border_spread(now / np.maximum(then, np.float32(1)), np.ones(now.shape, bool))
+
+
+def _border_spread(ratio: _Cells, seen: Bool[Array, "rows cols"]) -> float:
+    """Return how much the tiles along the border of the view differ in their change of brightness, as a fraction."""
+    change = np.log(np.maximum(ratio, np.float32(1e-3)))
     known = np.where(seen, change, np.median(change[seen]))
     down, across = _BORDER_TILES
     tiles = np.median(known.reshape(down, _ROWS // down, across, _COLS // across), axis=(1, 3))
