@@ -73,7 +73,7 @@ def test_the_ball_of_another_sensor_is_named(real_images: dict[str, CalibrationI
 def test_a_refused_calibration_says_the_cause(real_images: dict[str, CalibrationImages]) -> None:
     images = real_images["j"]  # its ball shows no contact
     soft = CalibrationImages(**{name: blurred(getattr(images, name), 6) for name in ALL})
-    with pytest.raises(CalibrationError, match="most probable cause: out of focus, because .*; focus the camera"):
+    with pytest.raises(CalibrationError, match=r"most probable cause: out of focus, because .*; focus the camera"):
         calibrate(soft)
 
 

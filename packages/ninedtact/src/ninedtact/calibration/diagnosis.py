@@ -34,6 +34,8 @@ ImagePair = tuple[BgrImage, BgrImage]
 _MAX_GAIN_CHANGE = {"ball": 0.02, "board": 0.06}
 """Change of the brightness under a press, where nothing moves: real and simulated balls have up to 0.008, boards, under which
 hardly any skin is flat, up to 0.042."""
+_MIN_GAMMA_CHANGE = 0.1
+"""Change of gamma under a press below which it may be the rounding of a gain to whole levels."""
 _MARGIN = 0.12
 """Part of the image on every side that is not compared."""
 _FOCUS = "focus the camera on the skin, switch its autofocus off, clean lens and window, and take all images again"
@@ -149,7 +151,7 @@ def _find_changed_light(name: str, pair: ImagePair) -> ProbableCause | None:
             f"{where}, {light.dirt_spots} sharp spot{'s' * (light.dirt_spots > 1)} appeared that gel cannot make",
             "clean skin, lens and window, and take all images again",
         )
-    if light.gamma != 1:
+    if abs(light.gamma - 1) >= _MIN_GAMMA_CHANGE:
         return ProbableCause("gamma changed", f"{where}, gamma changed to {light.gamma:.2f}", _LIGHT)
     if name == "ball" and light.bands is not None:  # rows of pins look like bands
         return ProbableCause("light uneven", f"{where}, bands of ±{light.bands.amplitude:.1%} appeared", _LIGHT)

@@ -292,7 +292,7 @@ class DriftFinding:
 
 
 def find_reference_image_fault(drift: DriftMeasurement) -> DriftFinding | None:
-    """Return why an image cannot be a reference image of the calibrated sensor: blur, another gel, a contact, or a mirrored image."""
+    """Return why an image cannot be a reference image of the calibrated sensor: blur, another gel, a contact, or a flip."""
     findings = _find_blur(drift), _find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)
     return next((finding for finding in findings if finding is not None), None)
 
