@@ -53,6 +53,10 @@ class NinedtactError(Exception):
         self.expected, self.got, self.remedy = said.groups() if said else (expected, got, remedy)
         super().__init__(printable_text(message or f"expected {expected}, got {got}; {remedy}"))
 
+    def append(self, sentence: str) -> None:
+        """Append what became known of the reason."""
+        self.args = (printable_text(f"{self}; {sentence}"),)
+
     def __reduce__(self) -> tuple[object, ...]:
         """Return message and attributes for pickling: an error of a worker process arrives as it was raised.
 

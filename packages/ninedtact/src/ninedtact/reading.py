@@ -122,7 +122,7 @@ class Reading:
     @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons why the image cannot be a press on this sensor, for example a failed LED; empty for a plausible image."""
-        return find_image_warnings(self.rectified, self.reference, self.height)
+        return find_image_warnings(self.rectified, self.reference, self.height, self.light)
 
     @cached_property
     def summary(self) -> ShapeSummary:

@@ -152,6 +152,7 @@ _MIN_MARK_AREA_MM2 = 0.1
 MAX_UNEVENNESS = 0.05
 """Change of the light across the view above which it is reported; real sensors have up to 0.021 between two sessions."""
 _MIN_CONTACT_DARKENING = 0.025
+_FEIGNED_BY_UNEVENNESS = 0.35
 _BULGE_REACH_MM = 2.0
 _MIN_BULGE_SHARE = 0.1
 """Brightening beside a dark place, as a fraction of its darkening, from which the place counts as a contact. Pressed gel piles up
@@ -236,7 +237,9 @@ class BrightnessChange:
     def contact(self) -> ChangedSkinRegion | None:
         """Return all dark places as one mark where they look pressed: clearly darker, with brighter gel beside them."""
         dark = self.residue < -self.level
-        if self.residue.min() > -_MIN_CONTACT_DARKENING:
+        # The steep borders of uneven light darken the residue, too.
+        feigned = _FEIGNED_BY_UNEVENNESS * self.unevenness if self.unevenness > MAX_UNEVENNESS else 0.0
+        if self.residue.min() > -max(_MIN_CONTACT_DARKENING, feigned):
             return None
         side = 2 * round(_BULGE_REACH_MM / self.mm_per_px) + 1
         beside = cv2.dilate(dark.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0

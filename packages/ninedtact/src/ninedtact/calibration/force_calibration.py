@@ -89,7 +89,7 @@ class _PressReader:
             self._last = press.references, self.folder.shape.depth_reader(*press.references)
         depth_reader = self._last[1]
         reading = read_frame(press.frame, self.folder.shape, depth_reader)
-        require_plausible_image(press.name, reading.rectified, depth_reader.reference, reading.height)
+        require_plausible_image(press.name, reading.rectified, depth_reader.reference, reading.height, reading.light)
         return reading
 
 

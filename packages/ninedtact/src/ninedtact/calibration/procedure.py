@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 
+from msgspec import structs
 from threadpoolctl import threadpool_limits
 
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
@@ -24,6 +25,7 @@ from ninedtact.calibration.brightness_change import (
 )
 from ninedtact.calibration.certificate.checks import little_gain_warnings, press_through_gel_warnings
 from ninedtact.calibration.certificate.length_evidence import weigh_lengths
+from ninedtact.calibration.diagnosis import find_image_cause, find_probable_cause
 from ninedtact.calibration.fit_tables import (
     make_ball_quality,
     make_board_quality,
@@ -40,6 +42,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     LensModelTable,
     PinMapTable,
     PixelMapTable,
+    ProbableCause,
     SensorTomlRecord,
     require_sensor_id,
 )
@@ -48,7 +51,7 @@ from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.design import SensorDesign
-from ninedtact.errors import InputError
+from ninedtact.errors import CalibrationError, InputError
 from ninedtact.quantities import BgrImage, Frame, HeightSource
 from ninedtact.shape.depth import DepthMethod, Smoothing
 from ninedtact.shape.lens_and_rectification import Rectification
@@ -159,8 +162,14 @@ def calibrate(
     """
     require_sensor_id(sensor_id)
     with threadpool_limits(1):
-        fits = _fit_presses(images, design, settings, on_step, imported)
-        record = _make_record(images, fits, design, settings, sensor_id, imported)
+        cause = find_image_cause(images.board_pair, images.ball_pair)
+        try:
+            fits = _fit_presses(images, design, settings, on_step, imported)
+        except CalibrationError as refusal:
+            if cause is not None:
+                refusal.append(cause.sentence)
+            raise
+        record = _make_record(images, fits, design, settings, sensor_id, imported, cause)
     return Calibration(images, fits, record, imported)
 
 
@@ -240,6 +249,7 @@ def _make_record(
     settings: CalibrationSettings,
     sensor_id: str,
     imported: SensorFolder | None,
+    cause_in_images: ProbableCause | None,
 ) -> SensorTomlRecord:
     """Return the calibration as the tables of `sensor.toml`."""
     board, rectify = fits.board, fits.rectify
@@ -265,6 +275,9 @@ def _make_record(
     board_quality = None if board is None else make_board_quality(board, rectify, settings.lens)
     lengths = weigh_lengths(board, fits.twin, design)
     warnings = _warnings(images, fits, design)
+    certificate = Certificate(board_quality, ball_quality, make_second_ball_quality(fits.twin), lengths, warnings)
+    is_impossible = fits.ball is not None and bool(press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel))
+    cause = find_probable_cause(certificate, cause_in_images, _turned_board_warning(fits), is_impossible)
     return SensorTomlRecord(
         format=SENSOR_FORMAT,
         id=sensor_id,
@@ -275,7 +288,7 @@ def _make_record(
         lens=lens,
         depth=depth,
         twin=twin,
-        certificate=Certificate(board_quality, ball_quality, make_second_ball_quality(fits.twin), lengths, warnings),
+        certificate=structs.replace(certificate, cause=cause),
     )
 
 
@@ -298,9 +311,8 @@ BALL_MISSING_WARNING = (
 def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDesign) -> list[str]:
     """Return what makes the calibration doubtful, in words."""
     warnings = [IMPORTED_LENS_WARNING] if fits.board is None else fits.board.warnings
-    out_of_view = float((fits.rectify.height_source == HeightSource.OUT_OF_VIEW).mean())
-    if fits.board is not None and out_of_view > _MAX_OUT_OF_VIEW:
-        warnings.append(TURNED_BOARD_WARNING.format(out_of_view))
+    turned = _turned_board_warning(fits)
+    warnings += [] if turned is None else [turned]
     warnings += [BALL_MISSING_WARNING] if fits.ball is None else []
     if fits.ball is not None:
         warnings += press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel)
@@ -311,6 +323,14 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
         references = images.ball_pair[0], images.second_ball_pair[0]
         warnings += different_skin_warnings(*references, "ball", "second ball")
     return warnings + little_gain_warnings(make_second_ball_quality(fits.twin))
+
+
+def _turned_board_warning(fits: CalibrationFits) -> str | None:
+    """Return that much of the height map is out of view, in words, or None."""
+    out_of_view = float((fits.rectify.height_source == HeightSource.OUT_OF_VIEW).mean())
+    return (
+        TURNED_BOARD_WARNING.format(out_of_view) if fits.board is not None and out_of_view > _MAX_OUT_OF_VIEW else None
+    )
 
 
 def repeat_calibration(

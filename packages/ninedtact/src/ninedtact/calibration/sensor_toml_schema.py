@@ -229,6 +229,22 @@ class SecondBallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     likely_radius_std_mm: _Error
 
 
+class ProbableCause(Struct, frozen=True, forbid_unknown_fields=True):
+    """The most probable cause of what is wrong with images or a calibration."""
+
+    cause: str
+    """Its name, such as "out of focus"; "unknown" where checks fail and nothing explains it."""
+    because: str
+    """The evidence."""
+    remedy: str
+    """What to do."""
+
+    @property
+    def sentence(self) -> str:
+        """All three in one line."""
+        return f"most probable cause: {self.cause}, because {self.because}; {self.remedy}"
+
+
 class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The quality of both calibrations, and warnings in words."""
 
@@ -241,6 +257,8 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     lengths: LengthQuality | None = None
     """None where the lens was imported and no twin was fitted."""
     warnings: list[str] = field(default_factory=list)
+    cause: ProbableCause | None = None
+    """What probably causes all that is not as it should be; None where all is."""
 
 
 class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

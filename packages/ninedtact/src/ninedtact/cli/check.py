@@ -52,7 +52,8 @@ def _check_result(path: Path, drift: "DriftMeasurement", found: "list[DriftFindi
     return {
         "image": str(path),
         "diagnosis": found[0].diagnosis if found else "fine",
-        "findings": [asdict(finding) for finding in found],
+        "most_probable_cause": found[0].cause.sentence if found else None,
+        "findings": [{**asdict(finding), "sentence": finding.sentence} for finding in found],
         **_drift_to_dict(drift),
     }
 
@@ -70,6 +71,8 @@ def _drift_to_dict(drift: "DriftMeasurement") -> dict[str, Any]:
         "shift_error_px": skin.shift_error_px if seen else None,
         "turn_deg": skin.turn_deg if seen else None,
         "correlation": drift.nearest.correlation,
+        "sharpness": None if drift.sharpness is None else drift.sharpness.fine,
+        "gamma": None if drift.gamma is None else drift.gamma.gamma,
         "changed_area_mm2": change.changed_area_mm2,
         "marks": [asdict(mark) for mark in change.marks],
         "old_reference_height_mm": drift.height_mm,
@@ -82,6 +85,7 @@ def _to_json_dict(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]
     return {
         "sensor": str(sensor),
         "diagnosis": worst["diagnosis"],
+        "most_probable_cause": worst["most_probable_cause"],
         "findings": worst["findings"],
         "images": results,
     }
@@ -90,9 +94,10 @@ def _to_json_dict(sensor: Path, results: list[dict[str, Any]]) -> dict[str, Any]
 def _format_results(results: list[dict[str, Any]]) -> Iterator[str]:
     for found in results:
         yield f"{found['image']}: {found['diagnosis']}"
-        for finding in found["findings"]:
+        for number, finding in enumerate(found["findings"]):
             effect = f"height off by up to {finding['height_mm'] or 0:.2f} mm with the calibration's reference image"
-            yield f"  {finding['sentence']}" + (f" ({effect})" if finding["height_mm"] is not None else "")
+            sentence = found["most_probable_cause"] if number == 0 else f"also: {finding['sentence']}"
+            yield f"  {sentence}" + (f" ({effect})" if finding["height_mm"] is not None else "")
         yield from _format_measurement(found)
 
 
@@ -102,6 +107,9 @@ def _format_measurement(found: dict[str, Any]) -> Iterator[str]:
     if found["diagnosis"] == "another sensor's gel":
         yield f"  measured: {light}"
         return
+    sharp = "sharpness not observable"
+    if found["sharpness"] is not None:
+        sharp = f"sharpness {max(found['sharpness'], 0):.0%}"
     skin = "motion of the skin not observable"
     if found["shift_px"] is not None:
         px, mm = hypot(*found["shift_px"]), hypot(*found["shift_mm"])
@@ -109,7 +117,7 @@ def _format_measurement(found: dict[str, Any]) -> Iterator[str]:
             f"skin {px:.2f} ± {found['shift_error_px']:.2f} px ({mm:.3f} mm) and {found['turn_deg']:.2f}° from where the board was "
             "pressed"
         )
-    yield f"  measured: {light}, {skin}, marks on {found['changed_area_mm2']:.1f} mm²"
+    yield f"  measured: {light}, {sharp}, {skin}, marks on {found['changed_area_mm2']:.1f} mm²"
     today = "" if found["diagnosis"] == "something touches the gel" else "; with today's they are not"
     yield (
         f"  heights measured against the calibration's reference image would be off by up to "

@@ -113,7 +113,7 @@ class Estimate:
             for reading in sensor:
                 name = self._name_of(reading.frame.index, sensor.source)
                 if self.images_are_separate:
-                    require_plausible_image(name, reading.rectified, reading.reference, reading.height)
+                    require_plausible_image(name, reading.rectified, reading.reference, reading.height, reading.light)
                 yield name, reading
                 if self.images_are_separate:
                     sensor.estimator.forget()

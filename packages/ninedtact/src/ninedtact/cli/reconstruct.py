@@ -59,7 +59,7 @@ class ReconstructCommand:
         try:
             for path, name in zip(self.images, _output_names(self.images), strict=True):
                 reading = read_frame(Frame(read_image(path)), shape, depth)
-                require_plausible_image(str(path), reading.rectified, depth.reference, reading.height)
+                require_plausible_image(str(path), reading.rectified, depth.reference, reading.height, reading.light)
                 results.append(self.result(path, name, reading, depth))
         except (FileFormatError, ImageImplausible) as error:
             if not results:

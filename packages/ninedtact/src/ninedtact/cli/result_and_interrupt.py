@@ -217,6 +217,7 @@ def calibration_json_dict(sensor: "SensorFolder") -> dict[str, object]:
         "board": None,
         "ball": None,
         "warnings": [],
+        "cause": None,
         **msgspec.to_builtins(certificate),
         "checks": [asdict(check) for check in compute_certificate_checks(certificate)],
     }
@@ -253,6 +254,8 @@ def format_calibration(sensor: "SensorFolder") -> Iterator[str]:
         )
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"
+    if certificate.cause is not None:
+        yield f"  {certificate.cause.sentence}"
     yield from (
         f"  {check.level} ({uses_in_words(check.affects)}): {check.text}"
         for check in compute_certificate_checks(certificate)

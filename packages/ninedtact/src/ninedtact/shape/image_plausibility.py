@@ -2,10 +2,12 @@
 
 Light is lost or gained as a whole where an LED fails, a lamp shines in or the exposure changes. A press changes it locally: gel
 keeps its volume, so dents and bulges balance over the view, and half of the view keeps nearly the brightness of the reference
-image. The limits leave a factor of two or more around 600 simulated presses of up to 12 N on six sensors and the images of real
-ones, but for the mean height: a deep press that is measured from the reference image of another moment takes four fifths of it. An
-image of another sensor of the same make may have the same light. Where one image is asked about (`require_plausible_image`), the
-fine structure of its skin is therefore compared with that of the reference image as well.
+image. A gain or gamma that is taken out of an image (`light_change`) must leave the border of the view even, and is judged
+itself: on the image as it was taken, so that no correction makes the light of another sensor plausible. The limits leave a factor
+of two or more around 600 simulated presses of up to 12 N on six sensors and the images of real ones, but for the mean height: a
+deep press that is measured from the reference image of another moment takes four fifths of it. An image of another sensor of the
+same make may have the same light. Where one image is asked about (`require_plausible_image`), the fine structure of its skin is
+therefore compared with that of the reference image as well.
 """
 
 import cv2
@@ -15,6 +17,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import EstimateWarning, HeightMap, HeightSource, Rectified
+from ninedtact.shape.light_change import LightChange
 from ninedtact.shape.skin_identity import shows_another_skin
 
 _COLS, _ROWS = 32, 24
@@ -37,6 +40,11 @@ _MAX_SPREAD = 0.06
 """Largest deviation of the relative brightness from its median within that share."""
 _STRUCTURE_RANGE = 0.75, 1.3
 """Slope of the image's log brightness over the reference image's within that share; zero for an image without structure."""
+_BORDER_TILES = 6, 8
+"""Tiles of the view, by rows and columns, of which those along its border are compared."""
+MAX_BORDER_SPREAD = 0.016
+"""Deviation of the relative brightness of border tiles from their median, for the same share of them. Gel that is pressed leaves it
+below 0.009, and under pin boards below 0.011; between two sensors it is 0.012 to 0.08."""
 _MIN_STRUCTURE = 0.03
 """Standard deviation of the reference image's log brightness from which the slope is known."""
 
@@ -60,12 +68,14 @@ class ImageImplausible(InputError):
     """An image cannot be a press on the sensor that its reference image shows."""
 
 
-def require_plausible_image(name: str, image: Rectified, reference: Rectified, height: HeightMap) -> None:
+def require_plausible_image(
+    name: str, image: Rectified, reference: Rectified, height: HeightMap, light: LightChange = LightChange()
+) -> None:
     """Raise `ImageImplausible`, with the name of the image, where it cannot be a press on this sensor.
 
-    height: the height map read from the image against the reference image.
+    image, height, light: as for `find_image_warnings`.
     """
-    for warning in find_image_warnings(image, reference, height):
+    for warning in find_image_warnings(image, reference, height, light):
         raise ImageImplausible(f"{name}: expected {_ADVICE[warning]}")
     if shows_another_skin(image.grey, reference.grey):
         raise ImageImplausible(
@@ -74,26 +84,31 @@ def require_plausible_image(name: str, image: Rectified, reference: Rectified, h
         )
 
 
-def find_image_warnings(image: Rectified, reference: Rectified, height: HeightMap) -> tuple[EstimateWarning, ...]:
+def find_image_warnings(
+    image: Rectified, reference: Rectified, height: HeightMap, light: LightChange = LightChange()
+) -> tuple[EstimateWarning, ...]:
     """Return why an image cannot be a press on this sensor; empty for a plausible image.
 
-    height: the height map read from the image against the reference image.
+    image: in the light of the reference image, where a change of light was taken out. height: the height map read from it. light:
+    what was taken out.
     """
-    now, then = _shrink(image.grey), np.maximum(_shrink(reference.grey), np.float32(1))
+    corrected, then = _shrink(image.grey), np.maximum(_shrink(reference.grey), np.float32(1))
+    now = light.restore(corrected)
     seen = _shrink((height.source != HeightSource.OUT_OF_VIEW).astype(np.float32)) > 0.9
     if not seen.any():
         return ()
-    light = _find_exposure_warning(now[seen], then[seen])
-    if light is not None:
-        return (light,)
-    ratio = (now / then)[seen]
-    median = float(np.median(ratio))
+    exposure = _find_exposure_warning(now[seen], then[seen])
+    if exposure is not None:
+        return (exposure,)
+    ratio = corrected / then
+    median = float(np.median((now / then)[seen]))
     mean_height_mm = float(_shrink(height.z_mm)[seen].mean())
     differs = (
         not _MEDIAN_RANGE[0] <= median <= _MEDIAN_RANGE[1]
-        or np.percentile(ratio, _BRIGHT_PERCENTILE) > _MAX_BRIGHTENING
+        or np.percentile(ratio[seen], _BRIGHT_PERCENTILE) > _MAX_BRIGHTENING
         or abs(mean_height_mm) > _MAX_MEAN_HEIGHT_MM
         or not _has_same_structure(np.log(np.maximum(now, 1)), np.log(then), seen)
+        or _border_spread(ratio, seen) > MAX_BORDER_SPREAD
     )
     return (EstimateWarning.IMAGE_UNLIKE_REFERENCE,) if differs else ()
 
@@ -126,6 +141,22 @@ def _has_same_structure(now: _Cells, then: _Cells, seen: Bool[Array, "rows cols"
         return spread <= _MAX_SPREAD
     slope = float(structure @ (near - near.mean()) / (structure @ structure))
     return spread <= _MAX_SPREAD and _STRUCTURE_RANGE[0] <= slope <= _STRUCTURE_RANGE[1]
+
+
+def border_spread(image: Rectified, reference: Rectified) -> float:
+    """Return how much the light along the border of the view changed unevenly, as a fraction; all of the view shows skin."""
+    now, then = (_shrink(one.grey) for one in (image, reference))
+    return _border_spread(now / np.maximum(then, np.float32(1)), np.ones(now.shape, bool))
+
+
+def _border_spread(ratio: _Cells, seen: Bool[Array, "rows cols"]) -> float:
+    """Return how much the tiles along the border of the view differ in their change of brightness, as a fraction."""
+    change = np.log(np.maximum(ratio, np.float32(1e-3)))
+    known = np.where(seen, change, np.median(change[seen]))
+    down, across = _BORDER_TILES
+    tiles = np.median(known.reshape(down, _ROWS // down, across, _COLS // across), axis=(1, 3))
+    border = np.concatenate([tiles[0], tiles[-1], tiles[1:-1, 0], tiles[1:-1, -1]])
+    return float(np.quantile(np.abs(border - np.median(border)), _UNCHANGED_SHARE))
 
 
 def _shrink(field: Float32[Array, "a b"]) -> _Cells:

@@ -225,11 +225,10 @@ class LightCorrection:
         least = self._least_gain_change(ratio, level, spread)
         if abs(level - 1) < least or not _GAIN_RANGE[0] < level < _GAIN_RANGE[1]:
             return 1.0, 1.0, True
-        gamma = _fit_gamma(ratio[flat], self._reference_on_cells(reference)[flat])
-        if gamma is None:
+        fit = fit_gamma(ratio[flat], self._reference_on_cells(reference)[flat])
+        if fit is None or not (fit.is_certain and _GAMMA_RANGE[0] < fit.gamma < _GAMMA_RANGE[1]):
             return level, 1.0, True
-        slope, offset = gamma
-        return float(np.exp(offset)), slope, True
+        return fit.gain, fit.gamma, True
 
     def _least_gain_change(self, ratio: Cells, level: float, spread: float = 0.0) -> float:
         """Return the change of the median up to which the press itself may have made it; spread: that of flat skin."""
@@ -359,8 +358,28 @@ def _profile_grid(rectify: Rectification, along_rows: bool) -> _ProfileGrid:
     return _ProfileGrid(cell, along.ravel()[cell].mean(axis=1).astype(float), max(steps), lines)
 
 
-def _fit_gamma(ratio: Float32[Array, " n"], reference: Float32[Array, " n"]) -> tuple[float, float] | None:
-    """Return the exponent and the logarithm of the gain at mid grey; None where the image does not tell the exponent from one."""
+@dataclass(frozen=True)
+class GammaFit:
+    """A gamma and a gain, fitted to the brightness of an image relative to its reference image."""
+
+    gamma: float
+    error: float
+    """Standard error of gamma."""
+    gain: float
+    """Gain of mid grey."""
+    effect: float
+    """Standard deviation of the change of brightness that gamma makes over the view."""
+    spread: float
+    """Median of what is left of the logarithm of the ratio."""
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether gamma is known well enough, and differs from one."""
+        return self.error <= _MAX_GAMMA_ERROR and abs(self.gamma - 1) >= max(_MIN_GAMMA_CHANGE, 3 * self.error)
+
+
+def fit_gamma(ratio: Float32[Array, " n"], reference: Float32[Array, " n"]) -> GammaFit | None:
+    """Fit gamma and gain to the ratio of an image to its reference image; None where the reference has one brightness."""
     logarithm, structure = np.log(np.maximum(ratio, 1e-3)), np.log(reference / np.float32(_MID_GREY))
     weight = np.ones_like(ratio)
     for _ in range(3):
@@ -375,9 +394,13 @@ def _fit_gamma(ratio: Float32[Array, " n"], reference: Float32[Array, " n"]) -> 
         weight = 1 / (1 + (residual / (2 * np.median(residual) + np.float32(1e-6))) ** 2)
     spread = float(np.sqrt(np.mean(residual**2)))
     error = spread / np.sqrt(variance * max(len(ratio) / _CELLS_PER_SAMPLE, 1))
-    gamma = 1 + slope
-    unsure = error > _MAX_GAMMA_ERROR or abs(slope) < max(_MIN_GAMMA_CHANGE, 3 * error)
-    return None if unsure or not _GAMMA_RANGE[0] < gamma < _GAMMA_RANGE[1] else (gamma, mean - slope * middle)
+    return GammaFit(
+        1 + slope,
+        float(error),
+        float(np.exp(mean - slope * middle)),
+        float(abs(slope) * np.sqrt(variance)),
+        float(np.median(residual)),
+    )
 
 
 def _replace_dirt(grey: Grey, reference: Grey) -> tuple[Grey, int, int]:

@@ -207,9 +207,9 @@ _MIN_SAME_SKIN_SIMILARITY = 0.3
 """Similarity above which two images show the same skin: at least 0.4 for one skin (also compressed, noisy, or at half the light),
 at most 0.25 for different ones.
 """
-_MAX_SHIFT_PX = 0.6
+MAX_SHIFT_PX = 0.6
 """Largest shift, 0.03 mm on the skin. Real skins are displaced by up to 0.45 px after the board has been pressed on them."""
-_MAX_TURN_DEG = 0.3
+MAX_TURN_DEG = 0.3
 """Largest rotation, 1.7 px at the image's border; real skins rotate by up to 0.1°."""
 _SUBTRACTED_STANDARD_ERRORS = 2.0
 """Number of standard errors that are subtracted from a motion before it is compared with its limit."""
@@ -249,8 +249,8 @@ class SkinMotion:
     @property
     def is_displaced(self) -> bool:
         """Whether a skin that was recognised is displaced or rotated by more than the limits, beyond the error."""
-        shifted = self.distance_px - _SUBTRACTED_STANDARD_ERRORS * self.shift_error_px > _MAX_SHIFT_PX
-        turned = abs(self.turn_deg) - _SUBTRACTED_STANDARD_ERRORS * self.turn_error_deg > _MAX_TURN_DEG
+        shifted = self.distance_px - _SUBTRACTED_STANDARD_ERRORS * self.shift_error_px > MAX_SHIFT_PX
+        turned = abs(self.turn_deg) - _SUBTRACTED_STANDARD_ERRORS * self.turn_error_deg > MAX_TURN_DEG
         return self.is_same_skin and (shifted or turned)
 
     def undone(self, image: BgrImage) -> BgrImage:

@@ -29,6 +29,7 @@ CheckLevel = Literal["pass", "warn", "fail"]
 """The levels of a check, from best to worst."""
 OverallLevel = Literal["pass", "warn", "poor", "fail"]
 """The levels of a certificate, from best to worst."""
+WRONG_PITCH, WRONG_RADIUS = "wrong pitch of the board", "wrong radius of the ball"
 _LITTLE_GAIN = 0.8
 """Share of the error of the depth that is left, above which a second press adds little."""
 _MANY_WARNED_CHECKS = 4
@@ -43,6 +44,10 @@ class CheckResult:
     text: str
     affects: tuple[Use, ...]
     """What the figure affects where it is beyond its limit."""
+    cause: str = "unknown"
+    """What usually causes a figure beyond its limit."""
+    remedy: str = ""
+    """What to do where the check does not pass."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +82,15 @@ class CertificateCheck(Generic[Quality]):
     advice: str
     """What to do where the check does not pass."""
     affects: tuple[Use, ...] = USES
+    cause: Callable[[Quality], str] = lambda quality: "unknown"
 
     def result(self, quality: Quality) -> CheckResult:
         """Return the level with the fact alone where the check passes, and with the advice otherwise."""
         level = self.limit.level(self.figure(quality))
         expected = f" (expected: {self.expected.format(self.limit.good)})" if self.expected else ""
         advice = "" if level == "pass" else f" To do: {self.advice}, and calibrate again."
-        return CheckResult(level, f"{self.fact(quality)}{expected}.{advice}", self.affects)
+        text = f"{self.fact(quality)}{expected}.{advice}"
+        return CheckResult(level, text, self.affects, self.cause(quality), self.advice)
 
 
 def relative_contact_radius(ball: BallQuality) -> float:
@@ -107,6 +114,7 @@ BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
         lambda board: f"Pins: found {board.pins_found} of {board.pins_expected}{_missing_pins_in_words(board)}",
         "press harder there, or hold the board flatter",
         _OF_LENS,
+        lambda board: "board pressed unevenly",
     ),
     # The lower limit is about one rectified pixel; beyond two, the map is visibly worse than the resolution of its image.
     CertificateCheck(
@@ -150,6 +158,7 @@ BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
         ),
         "press harder, give more light and less gain, or average several images",
         _OF_LENS,
+        lambda board: "board pressed lightly",
     ),
 )
 BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
@@ -160,6 +169,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         "at most {:.0%}",
         lambda ball: f"Light: {ball.overexposed_fraction:.1%} of the reference image is overexposed",
         "lower the exposure, the gain or the light",
+        cause=lambda ball: "overexposed",
     ),
     # The effect of a sheared press on depth is measured by the halves of the disc, whose check fails.
     CertificateCheck(
@@ -168,6 +178,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         "at most {:.0%}",
         lambda ball: f"Press: the bulge around the ball is uneven by {ball.asymmetry:.1%} of the ball's darkening",
         "the ball was sheared, so that depths may be off by a tenth of a millimetre: press it straight down",
+        cause=lambda ball: "ball pressed askew",
     ),
     # The gel rises around the ball by up to a tenth of the section's radius; a larger contact belongs to another ball.
     CertificateCheck(
@@ -179,6 +190,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
             f"{relative_contact_radius(ball):.2f} times the section of the ball there"
         ),
         "check that the ball's radius is the stated one, and that nothing presses beside it",
+        cause=lambda ball: WRONG_RADIUS,
     ),
     # A firm grasp presses soft gel by about a millimetre; beyond the range, depth is not calibrated.
     CertificateCheck(
@@ -188,6 +200,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         lambda ball: f"Range: depth is calibrated down to {ball.range_mm:.2f} mm",
         "press the ball deeper, 1 to 2 mm",
         _OF_READINGS,
+        lambda ball: "ball pressed lightly",
     ),
     # The published sensor measures balls outside its calibration to 0.046 mm (docs/references.md), and the calibration must leave a
     # margin for all other errors. An error above a seventh of a millimetre, more than a sheared press causes, is unusable.
@@ -211,6 +224,7 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         lambda ball: f"Noise: the depth of one pixel scatters by {ball.noise_mm:.4f} mm from image to image",
         "give more light and less gain",
         _OF_READINGS,
+        lambda ball: "noisy camera",
     ),
 )
 SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondBallQuality], ...] = (
@@ -224,6 +238,7 @@ SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondBallQuality], ...] = (
             f"{second.likely_radius_std_mm:.2f} mm, stated are {second.ball_radius_mm:g} mm"
         ),
         "measure both balls with a calliper",
+        cause=lambda second: WRONG_RADIUS,
     ),
 )
 LENGTH_CHECKS: tuple[CertificateCheck[LengthQuality], ...] = (
@@ -239,6 +254,9 @@ LENGTH_CHECKS: tuple[CertificateCheck[LengthQuality], ...] = (
             f"{lengths.ball_radius_wrong_probability:.0%}{_likely_lengths_in_words(lengths)}"
         ),
         "measure pins and ball with a calliper (a wrong length makes all depths and forces wrong), give the right lengths",
+        cause=lambda lengths: (
+            WRONG_PITCH if lengths.pitch_wrong_probability >= lengths.ball_radius_wrong_probability else WRONG_RADIUS
+        ),
     ),
 )
 
@@ -286,7 +304,7 @@ def overall_check_level(certificate: Certificate) -> OverallLevel:
         return "fail"
     if levels.count("warn") >= _MANY_WARNED_CHECKS:
         return "poor"
-    return "warn" if "warn" in levels or certificate.warnings else "pass"
+    return "warn" if "warn" in levels or certificate.warnings or certificate.cause else "pass"
 
 
 def has_failed_checks(certificate: Certificate | None) -> bool:

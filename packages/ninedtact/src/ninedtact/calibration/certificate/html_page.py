@@ -61,6 +61,7 @@ def render_certificate_html(calibration: Calibration) -> str:
         level=overall_check_level(record.certificate),
         lines=compute_certificate_checks(record.certificate),
         uses_in_words=uses_in_words,
+        cause=record.certificate.cause,
         warnings=record.certificate.warnings,
         board_rows=[*_board_table_rows(record.certificate.board), *_view_table_rows(record)],
         ball_rows=[

@@ -1,6 +1,7 @@
-"""Diagnosis of drift in words: `diagnose_drift` turns a `DriftMeasurement` into a list of `DriftFinding`, each with its figure, the
-height error that it would cause, and advice. The limits are wide enough that reference images of real sensors, taken before the
-board and before the ball, give none.
+"""Diagnosis of drift in words: `diagnose_drift` turns a `DriftMeasurement` into a list of `DriftFinding`, each with its evidence,
+the height error that it would cause, and advice. The first is the most probable cause of all that differs: a cause that explains
+others precedes them. The limits are wide enough that reference images of real sensors, taken before the board and before the
+ball, give none.
 """
 
 import numpy as np
@@ -14,38 +15,71 @@ from ninedtact.calibration.drift.reference_check import (
     position_in_words,
 )
 from ninedtact.quantities import centred_axis_mm
+from ninedtact.shape.skin_identity import MAX_SHIFT_PX, MAX_TURN_DEG
 
 _MAX_BRIGHTNESS_CHANGE = 0.03
 """Largest change of the whole brightness; 0.011 between two sessions of a real sensor."""
 _MAX_COLOUR_CHANGE = 0.03
 """Largest change of one colour relative to the others; 0.004 between two sessions."""
+_MAX_GAMMA_CHANGE, _LEFT_BY_GAMMA = 0.05, 0.006
+"""Change of gamma, and what it may leave of the light: whole grey levels leave 0.001, and a failing LED 0.02."""
+_MIN_GAMMA_EFFECT = 0.0025
+"""Effect of gamma over the view below which it may be the rounding of a gain to whole levels."""
+_MAX_LIGHT_MOTION = 4.0
+"""Motion, in units of its limit, that uneven light may feign."""
 _MAX_NAMED_MARKS = 3
 
 
 def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
-    """Return all findings, most serious first; on a pressed, unknown or mirrored skin, light and gel are not diagnosed."""
+    """Return all findings, the most probable cause first; of a pressed, unknown or mirrored skin nothing else is diagnosed."""
     grave = find_reference_image_fault(drift)
-    dimmer = _find_dim_light(drift)
-    if dimmer is not None and (grave is None or grave.diagnosis == "another sensor's gel"):
-        return [dimmer]
+    dim = _find_dim_light(drift)
+    if dim is not None and (grave is None or grave.diagnosis in ("another sensor's gel", "out of focus")):
+        return [dim]
+    gamma = _find_gamma(drift)
+    if gamma is not None and (grave is None or grave.diagnosis in ("something touches the gel", "out of focus")):
+        return [gamma]
     if grave is not None:
         return [grave]
+    skin, change, uneven = drift.moved, drift.change, _find_uneven_light(drift)
+    motion = skin.distance_px / MAX_SHIFT_PX + abs(skin.turn_deg) / MAX_TURN_DEG
+    if drift.sharpness is None:  # the structure of a skin without detail is that of its light, and moves with it
+        motion /= _MAX_LIGHT_MOTION
     rest = (
-        _find_camera_motion(drift),
-        _find_uneven_light(drift),
-        _find_gel_marks(drift),
-        _find_brightness_change(drift),
-        _find_colour_change(drift),
+        (motion, _find_camera_motion(drift)),
+        # A gain alone leaves the light as even as it was.
+        (np.inf if uneven and motion < _MAX_LIGHT_MOTION else change.unevenness / MAX_UNEVENNESS, uneven),
+        (max((abs(mark.change) for mark in change.marks), default=0) / change.mark_level, _find_gel_marks(drift)),
+        (max(map(abs, drift.colour)) / _MAX_COLOUR_CHANGE, _find_colour_change(drift)),
+        (abs(change.gain - 1) / _MAX_BRIGHTNESS_CHANGE, _find_brightness_change(drift)),
     )
-    return [finding for finding in rest if finding is not None]
+    # Each bends the measures of the others a little: what is furthest beyond its limit is the cause.
+    by_weight = sorted(rest, key=lambda weighed: -weighed[0])
+    return [finding for _, finding in by_weight if finding is not None]
 
 
 def _find_dim_light(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the image is so much dimmer that neither its skin nor its motion can be told."""
     finding = _find_brightness_change(drift)
-    if finding is None or drift.dim is None or finding.diagnosis != "light dimmer":
+    if finding is None or drift.dim is None or drift.change.gain > 1:
         return None
-    return DriftFinding(finding.diagnosis, f"{drift.dim}; {finding.sentence}", finding.height_mm)
+    evidence, _, remedy = drift.dim.removeprefix("dim: ").partition("; ")
+    return DriftFinding("dim", f"{evidence}, and {finding.because}", remedy, finding.height_mm)
+
+
+def _find_gamma(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where one gamma explains the change of the brightness over the view."""
+    fit = drift.gamma
+    if fit is None or drift.flipped or not fit.is_certain or abs(fit.gamma - 1) < _MAX_GAMMA_CHANGE:
+        return None
+    if fit.spread > _LEFT_BY_GAMMA or fit.effect < _MIN_GAMMA_EFFECT:
+        return None
+    return DriftFinding(
+        "gamma changed",
+        f"a gamma of {fit.gamma:.2f} ± {fit.error:.2f} explains the change of the light to {fit.spread:.1%}",
+        "set gamma, contrast and brightness of the camera as they were",
+        drift.height_mm,
+    )
 
 
 def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
@@ -57,7 +91,8 @@ def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:
         "camera moved",
         f"the skin appears {skin.distance_px:.1f} ± {skin.shift_error_px:.1f} px "
         f"({skin.distance_px * drift.known.mm_per_raw_px:.2f} mm) away and turned by {skin.turn_deg:.1f}° since the board was "
-        "pressed: positions are off by that; fix camera and gel in their housing and calibrate again",
+        "pressed: positions are off by that",
+        "fix camera and gel in their housing and calibrate again",
         drift.known.worst_height_mm(skin.undone(drift.known.depth_image)),
     )
 
@@ -72,8 +107,8 @@ def _find_uneven_light(drift: DriftMeasurement) -> DriftFinding | None:
     y, x = (centred_axis_mm(size, change.mm_per_px) for size in field.shape)
     return DriftFinding(
         "light uneven",
-        f"the light is {change_in_words(float(field[row, col]))} at ({x[col]:.0f}, {y[row]:.0f}) mm, beside the whole; check "
-        "that every LED lights and that no other light falls on the sensor, and calibrate again if it stays",
+        f"the light is {change_in_words(float(field[row, col]))} at ({x[col]:.0f}, {y[row]:.0f}) mm, beside the whole",
+        "check that every LED lights and that no other light falls on the sensor, and calibrate again if it stays",
         drift.equivalent_height_mm(change.unevenness),
     )
 
@@ -89,9 +124,9 @@ def _find_gel_marks(drift: DriftMeasurement) -> DriftFinding | None:
     )
     more = f" and {len(marks) - _MAX_NAMED_MARKS} smaller" if len(marks) > _MAX_NAMED_MARKS else ""
     return DriftFinding(
-        "gel changed",
-        f"the skin has changed in {len(marks)} place{'s' if len(marks) > 1 else ''}: {named}{more}; take away what may "
-        "lie on it and clean it; a tear, bubble or stain that stays needs a new gel, or a new calibration",
+        "dirt or damage",
+        f"the skin has changed in {len(marks)} place{'s' if len(marks) > 1 else ''}: {named}{more}",
+        "take away what may lie on it and clean it; a tear, bubble or stain that stays needs a new gel, or a new calibration",
         drift.equivalent_height_mm(max((mark.change for mark in marks), key=abs)),
     )
 
@@ -102,9 +137,9 @@ def _find_brightness_change(drift: DriftMeasurement) -> DriftFinding | None:
     if abs(change) <= _MAX_BRIGHTNESS_CHANGE:
         return None
     return DriftFinding(
-        "light dimmer" if change < 0 else "light brighter",
-        f"the image is {change_in_words(change)} than when calibrated; check the LEDs and their supply, fix exposure and "
-        "gain, and let the light warm up",
+        "gain changed",
+        f"the whole image is {change_in_words(change)} than when calibrated",
+        "fix exposure and gain, check the LEDs and their supply, and let the light warm up",
         drift.equivalent_height_mm(change),
     )
 
@@ -116,6 +151,7 @@ def _find_colour_change(drift: DriftMeasurement) -> DriftFinding | None:
     parts = ", ".join(f"{name} {part:+.1%}" for name, part in zip(("blue", "green", "red"), drift.colour, strict=True))
     return DriftFinding(
         "light colour changed",
-        f"the colour of the light has changed ({parts}); fix the camera's white balance, and check the LEDs",
+        f"the colour of the light has changed ({parts})",
+        "fix the camera's white balance, and check the LEDs",
         None,
     )

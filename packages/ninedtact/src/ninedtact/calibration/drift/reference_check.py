@@ -22,6 +22,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.brightness_change import (
     MAX_UNEVENNESS,
+    OVEREXPOSED,
     BrightnessChange,
     ChangedSkinRegion,
     dim_warning,
@@ -33,22 +34,33 @@ from ninedtact.calibration.brightness_change import (
     separate_brightness_change,
 )
 from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.calibration.sensor_toml_schema import ProbableCause
 from ninedtact.capture.strict_image_reading import average_images, read_image, require_image_size
 from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified
+from ninedtact.shape.deblurring import block_means
 from ninedtact.shape.depth import DepthCurve
+from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_spread
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification, to_grey_float
+from ninedtact.shape.light_change import GammaFit, fit_gamma
+from ninedtact.shape.sharpness import Sharpness, is_smoother, measure_sharpness
 from ninedtact.shape.skin_identity import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 
-_FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
+FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
 """Ways in which a camera's driver may flip images, with OpenCV's flip code."""
 _MIN_FLIP_SHIFT_PX = 5.0
 """Shift above which flipped images are tested too: the skin may be the same one rotated or mirrored, because old imprints of the
 board look alike from both sides.
 """
+_MIN_FLIP_SIMILARITY, _MIN_FLIP_GAIN = 0.45, 0.03
+"""Similarity of a flipped image, and what it gains by the flip: the contours of even light are alike from both sides."""
 _WORST_PERCENTILE = 99
 """Percentile of the view that represents its worst error, so that single pixels do not."""
 _NEIGHBOURHOOD_PX = 20
+_CELL_PX = 8
+"""Side of the cells on which gamma is fitted, rectified pixels."""
+_MAX_FULL = 0.1
+"""Share of overexposed raw pixels in a rectified one from which its brightness is not compared."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +72,8 @@ class CalibratedReference:
     depth_image: BgrImage
     """Reference image before the ball; the depth curve was calibrated in this light."""
     rectify: Rectification
-    curve: DepthCurve
+    curve: DepthCurve | None
+    """None where no depth is calibrated yet; all heights are zero then."""
 
     @cached_property
     def rectified_reference(self) -> Rectified:
@@ -98,6 +111,8 @@ class CalibratedReference:
         """Return the depth that corresponds to a relative change of brightness; brightening counts as the depth that it
         would hide.
         """
+        if self.curve is None:
+            return np.zeros(np.shape(change))
         signal = np.abs(change) * (grey if self.curve.signal == "difference" else 1.0)
         return np.asarray(np.interp(signal, self.curve.darkening, self.curve.indentation_mm))
 
@@ -132,6 +147,14 @@ class DriftMeasurement:
     """Height error, at the worst of the view, if the calibration's reference image were kept."""
     dim: str | None = None
     """Why the image is too dim for its skin to be recognised, in words; None where it is not."""
+    sharpness: Sharpness | None = None
+    """Sharpness relative to the calibration's images; None where it cannot be told."""
+    is_smoothed: bool = False
+    """Whether the image lacks the noise of the camera, as a blurred one does."""
+    gamma: GammaFit | None = None
+    """Gamma and gain that explain the change of the brightness; None where they cannot be told."""
+    border_spread: float = 0.0
+    """How much the light along the border of the view changed unevenly, which a press leaves as it is."""
 
     def equivalent_height_mm(self, change: float) -> float:
         """Return the depth that corresponds to a relative change at the image's mean brightness."""
@@ -158,15 +181,24 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
     require_usable_exposure("reference image", today)
     nearest = measure_skin_motion(known.depth_image, today)
     moved = measure_skin_motion(known.lens_image, today)
+    change = _measure_brightness_change(known, today, nearest)
+    if change.contact is not None and moved.is_same_skin and known.lens_image is not known.depth_image:
+        # What the skin looked like already before the board was pressed is no contact.
+        since_board = _measure_brightness_change(replace(known, depth_image=known.lens_image), today, moved)
+        change = change if since_board.contact is not None else since_board
     return DriftMeasurement(
         known,
         moved if moved.is_same_skin else nearest,
         nearest,
         _detect_flip(known.depth_image, today, nearest),
-        _measure_brightness_change(known, today, nearest),
+        change,
         _measure_colour_change(known.depth_image, today),
         known.worst_height_mm(today),
         dim_warning(today),
+        measure_sharpness((known.lens_image, known.depth_image), nearest.undone(today)),
+        is_smoother(today, known.depth_image),
+        _fit_gamma(known, today, moved if moved.is_same_skin else nearest),
+        border_spread(known.rectify(Frame(nearest.undone(today))), known.rectified_reference),
     )
 
 
@@ -174,9 +206,10 @@ def _detect_flip(known: BgrImage, today: BgrImage, motion: SkinMotion) -> str | 
     """Return how today's image is flipped, or None."""
     if motion.correlation > HIGH_SIMILARITY and motion.distance_px < _MIN_FLIP_SHIFT_PX:
         return None
-    ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in _FLIPS.items()}
+    ways = {way: measure_skin_motion(known, np.asarray(cv2.flip(today, code))) for way, code in FLIPS.items()}
     best = max(ways, key=lambda way: ways[way].correlation)
-    return best if ways[best].is_same_skin and ways[best].correlation > motion.correlation else None
+    surely = ways[best].correlation > max(_MIN_FLIP_SIMILARITY, motion.correlation + _MIN_FLIP_GAIN)
+    return best if ways[best].is_same_skin and surely else None
 
 
 def _measure_brightness_change(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> BrightnessChange:
@@ -184,9 +217,28 @@ def _measure_brightness_change(known: CalibratedReference, today: BgrImage, moti
     grey = float(to_grey_float(known.depth_image).mean())
     noise = estimate_pixel_noise(flat_fielded_brightness_change(known.depth_image, today)) / grey
     seen = known.view_mask & (known.rectify.resample(motion.valid_mask(today.shape)) > 0)
+    full = (np.maximum(motion.undone(today), known.depth_image).max(axis=2) >= OVEREXPOSED).astype(np.float32)
+    seen &= known.rectify.resample(full) < _MAX_FULL
     return separate_brightness_change(
         known.rectified_reference, known.rectify(Frame(motion.undone(today))), seen, noise
     )
+
+
+def _fit_gamma(known: CalibratedReference, today: BgrImage, motion: SkinMotion) -> GammaFit | None:
+    """Return the gamma of today's image over the skin that is in view."""
+    now = block_means(known.rectify(Frame(motion.undone(today))).grey, _CELL_PX)
+    visible = known.view_mask & (known.rectify.resample(motion.valid_mask(today.shape)) > 0)
+    in_view = block_means(visible.astype(np.float32), _CELL_PX) > 0.99
+    fits = []
+    for image in (known.lens_image, known.depth_image):
+        then = np.maximum(block_means(known.rectify(Frame(image)).grey, _CELL_PX), np.float32(1))
+        seen = in_view & (np.maximum(now, then) < OVEREXPOSED - 5)
+        fits += [fit_gamma(now[seen] / then[seen], then[seen])] if seen.any() else []
+    # The light of the two sessions of a calibration differs a little: of equally good fits, the one that changes least is right.
+    known_fits = [fit for fit in fits if fit is not None]
+    best = min((fit.spread for fit in known_fits), default=0.0)
+    good = [fit for fit in known_fits if fit.spread <= 1.5 * best + 0.001]
+    return min(good, key=lambda fit: abs(fit.gamma - 1), default=None)
 
 
 def _measure_colour_change(known: BgrImage, today: BgrImage) -> tuple[float, float, float]:
@@ -197,15 +249,17 @@ def _measure_colour_change(known: BgrImage, today: BgrImage) -> tuple[float, flo
 
 
 DriftDiagnosis = Literal[
-    "fine",
     "another sensor's gel",
     "something touches the gel",
+    "out of focus",
+    "image mirrored",
     "camera moved",
+    "dim",
+    "gamma changed",
     "light uneven",
-    "gel changed",
-    "light dimmer",
-    "light brighter",
     "light colour changed",
+    "dirt or damage",
+    "gain changed",
 ]
 
 
@@ -221,15 +275,49 @@ class DriftFinding:
     """One change of the sensor since its calibration."""
 
     diagnosis: DriftDiagnosis
-    sentence: str
+    because: str
+    remedy: str
     height_mm: float | None
     """Height error that it would cause with the calibration's reference image; None where it causes none."""
 
+    @property
+    def sentence(self) -> str:
+        """Evidence and remedy."""
+        return f"{self.because}; {self.remedy}"
+
+    @property
+    def cause(self) -> ProbableCause:
+        """The finding as the most probable cause."""
+        return ProbableCause(self.diagnosis, self.because, self.remedy)
+
 
 def find_reference_image_fault(drift: DriftMeasurement) -> DriftFinding | None:
-    """Return why an image cannot be a reference image of the calibrated sensor: another gel, a contact, or a mirrored image."""
-    findings = _find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)
+    """Return why an image cannot be a reference image of the calibrated sensor: blur, another gel, a contact, or a flip."""
+    findings = _find_blur(drift), _find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)
     return next((finding for finding in findings if finding is not None), None)
+
+
+def _find_blur(drift: DriftMeasurement) -> DriftFinding | None:
+    """Return a finding where the fine detail of the known skin is missing and all else is there."""
+    sharpness, change = drift.sharpness, drift.change
+    if drift.flipped or not (drift.is_smoothed if sharpness is None else sharpness.is_lost):
+        return None
+    is_same_light = not change.marks and change.unevenness <= MAX_UNEVENNESS
+    is_same_skin = sharpness is not None and drift.nearest.is_same_skin and sharpness.is_out_of_focus
+    if not is_same_skin and not is_same_light:
+        return None
+    evidence = "the image lacks the noise of the camera, as a blurred or smoothed one does"
+    if sharpness is not None:
+        fine, coarse = (max(part, 0) for part in (sharpness.fine, sharpness.coarse))
+        evidence = (
+            f"only {fine:.0%} of the fine detail of the calibrated skin is left (its coarse detail: {coarse:.0%})"
+        )
+    return DriftFinding(
+        "out of focus",
+        evidence,
+        "focus the camera as it was, switch its autofocus off and clean lens and window",
+        drift.height_mm,
+    )
 
 
 def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
@@ -240,8 +328,8 @@ def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
     depth_mm = drift.equivalent_height_mm(place.change)
     return DriftFinding(
         "something touches the gel",
-        f"the skin is pressed about {depth_mm:.2f} mm deep over {place.area_mm2:.1f} mm² around {position_in_words(place)}; take "
-        "everything off the sensor and take the image again; if it stays, the gel is damaged or has taken the shape",
+        f"the skin is pressed about {depth_mm:.2f} mm deep over {place.area_mm2:.1f} mm² around {position_in_words(place)}",
+        "take everything off the sensor and take the image again; if it stays, the gel is damaged or has taken the shape",
         depth_mm,
     )
 
@@ -251,7 +339,7 @@ def _find_another_gel(drift: DriftMeasurement) -> DriftFinding | None:
     skin, change = drift.nearest, drift.change
     if drift.flipped or skin.is_same_skin or not (change.marks or change.unevenness > MAX_UNEVENNESS):
         return None
-    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS
+    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS or drift.border_spread > MAX_BORDER_SPREAD
     pressed_all_over = change.contact is not None and change.changed_share > _MIN_PRESSED_SHARE
     if skin.observable and (other_light or not pressed_all_over):
         reason = f"the fine structure of the calibrated skin is not there (correlation {skin.correlation:.2f})"
@@ -261,8 +349,8 @@ def _find_another_gel(drift: DriftMeasurement) -> DriftFinding | None:
         return None
     return DriftFinding(
         "another sensor's gel",
-        f"{reason}: this shows another sensor, a new gel, or comes from a camera that sits elsewhere; name the right sensor, or "
-        "calibrate again; if it is the right one, take away what covers the gel",
+        f"{reason}: this shows another sensor, a new gel, or comes from a camera that sits elsewhere",
+        "name the right sensor, or calibrate again; if it is the right one, take away what covers the gel",
         None,
     )
 
@@ -271,8 +359,10 @@ def _find_mirrored_image(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the camera or its driver rotates or mirrors the image."""
     if drift.flipped is None:
         return None
-    sentence = f"the image is the calibrated one {drift.flipped}; set the camera's rotation and mirroring as before"
-    return DriftFinding("camera moved", sentence, drift.height_mm)
+    evidence = f"the image is the calibrated one {drift.flipped}"
+    return DriftFinding(
+        "image mirrored", evidence, "set the camera's rotation and mirroring as before", drift.height_mm
+    )
 
 
 def change_in_words(change: float) -> str:
