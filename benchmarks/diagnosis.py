@@ -4,7 +4,7 @@ Images of real sensors, and of twins of real fits and of the population, are edi
 compares one edited reference image with the calibration's images (every sensor has the lens of sensor A). *calibrate* gets four
 images with a fault in some of them; what the images alone tell is asked for, which needs no fit. Wrong lengths and boards are
 calibrated. An answer is *right*, *wrong*, or *unknown*: nothing is named, or the report says that it cannot be observed.
-Strengths in `UNSEEN` were not used to choose a limit, and are counted apart as well.
+Strengths in `UNSEEN` were drawn after all limits had been chosen, and are counted apart as well.
 """
 
 from collections import Counter
@@ -90,44 +90,44 @@ EDITS: dict[str, dict[str, Edit]] = {
         "JPEG": partial(jpeg, quality=80),
         "gain × 1.01": partial(light, gain=1.01),
     },
-    "out of focus": {f"σ {s:g} px": partial(blur, sigma_px=s) for s in (3, 6, 2.4, 4.5, 9)}
+    "out of focus": {f"σ {s:g} px": partial(blur, sigma_px=s) for s in (3, 6, 2.7, 5.2, 7.5)}
     | {f"σ {s:g} px, with noise": partial(blur, sigma_px=s, noise=0.6) for s in (4, 7)},
-    "gain changed": {f"× {k:g}": partial(light, gain=k) for k in (0.9, 1.08, 0.85, 0.93, 1.05, 1.18)},
-    "gamma changed": {f"{k:g}": partial(light, gamma=k) for k in (0.8, 1.25, 0.65, 0.88, 1.15, 1.4)},
+    "gain changed": {f"× {k:g}": partial(light, gain=k) for k in (0.9, 1.08, 0.87, 0.95, 1.06, 1.14)},
+    "gamma changed": {f"{k:g}": partial(light, gamma=k) for k in (0.8, 1.25, 0.7, 0.85, 1.18, 1.35)},
     "camera moved": {f"{m}": partial(move, x=m[0], y=m[1], clockwise_deg=m[2]) for m in ((2, -1, 0), (0, 0, 2))}
-    | {f"{m}": partial(move, x=m[0], y=m[1], clockwise_deg=m[2]) for m in ((-1.5, 1, 0), (8, -5, 0.7), (-18, 3, -1))},
+    | {f"{m}": partial(move, x=m[0], y=m[1], clockwise_deg=m[2]) for m in ((1.8, 2.2, 0), (-7, 9, 1.3), (12, -11, -0.5))},
     "image mirrored": {
         way: partial(flip, code=code) for way, code in (("left–right", 1), ("up–down", 0), ("180°", -1))
     },
     "dirt or damage": {
         "speck": partial(spot, change=-0.4, radius_px=8),
         "stain": partial(spot, change=-0.12, radius_px=18, x=420, y=330),
-        "grain": partial(spot, change=-0.3, radius_px=5, x=330, y=200),
-        "glare": partial(spot, change=0.1, radius_px=10, x=250, y=320),
+        "crumb": partial(spot, change=-0.35, radius_px=6, x=400, y=170),
+        "reflection": partial(spot, change=0.12, radius_px=12, x=210, y=300),
     },
     "light uneven": {
         "LED left": partial(failed_led, part=0.2),
-        "LED right": partial(failed_led, part=0.35, at=(640, 240)),
-        "LED in a corner": partial(failed_led, part=0.3, at=(0, 480)),
+        "LED above": partial(failed_led, part=0.3, at=(320, 0)),
+        "LED in a corner": partial(failed_led, part=0.25, at=(640, 480)),
     },
     "light colour changed": {
         "warm": partial(light, gain=(0.94, 1.0, 1.05)),
         "blue": partial(light, gain=(1.12, 1.0, 1.0)),
-        "no green": partial(light, gain=(1.0, 0.9, 1.0)),
+        "green": partial(light, gain=(1.0, 1.09, 1.0)),
     },
-    "dim": {f"× {k:g}": partial(light, gain=k) for k in (0.55, 0.4, 0.5, 0.35)},
+    "dim": {f"× {k:g}": partial(light, gain=k) for k in (0.55, 0.4, 0.48, 0.33)},
 }
 UNSEEN = {
-    "out of focus": {"σ 2.4 px", "σ 4.5 px", "σ 9 px"},
-    "gain changed": {"× 0.85", "× 0.93", "× 1.05", "× 1.18"},
-    "gamma changed": {"0.65", "0.88", "1.15", "1.4"},
-    "camera moved": {"(-1.5, 1, 0)", "(8, -5, 0.7)", "(-18, 3, -1)"},
-    "dirt or damage": {"grain", "glare"},
-    "light uneven": {"LED in a corner", "LED right"},
-    "light colour changed": {"no green"},
-    "dim": {"× 0.5", "× 0.35"},
+    "out of focus": {"σ 2.7 px", "σ 5.2 px", "σ 7.5 px"},
+    "gain changed": {"× 0.87", "× 0.95", "× 1.06", "× 1.14"},
+    "gamma changed": {"0.7", "0.85", "1.18", "1.35"},
+    "camera moved": {"(1.8, 2.2, 0)", "(-7, 9, 1.3)", "(12, -11, -0.5)"},
+    "dirt or damage": {"crumb", "reflection"},
+    "light uneven": {"LED in a corner", "LED above"},
+    "light colour changed": {"green"},
+    "dim": {"× 0.48", "× 0.33"},
 }
-"""Strengths that no limit was chosen on."""
+"""Strengths that were drawn after all limits had been chosen."""
 OF_SETS: dict[str, tuple[tuple[str, ...], ...]] = {
     "fine": (PAIRS[0] + PAIRS[1],),
     "out of focus": (PAIRS[0] + PAIRS[1], PAIRS[1], ("ball",)),
@@ -291,7 +291,7 @@ def figures_of(trials: list[Trial]) -> Iterator[Figure]:
         for what, part in (
             ("", some),
             (", real sensors", [one for one in some if one.kind == "real"]),
-            (", strengths that no limit was chosen on", [one for one in some if one.is_unseen]),
+            (", strengths drawn after the limits", [one for one in some if one.is_unseen]),
         ):
             told = [one for one in part if one.outcome != "unknown"]
             if told:
