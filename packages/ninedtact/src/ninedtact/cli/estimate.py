@@ -181,9 +181,13 @@ def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     from ninedtact.recording.export import csv_cell
 
     text = StringIO()
-    table = csv.DictWriter(text, ["image", "time_ns", "touching", *COLUMNS, "warnings"])
+    table = csv.DictWriter(text, ["image", "time_s", "time_ns", "touching", *COLUMNS, "warnings"])
     table.writeheader()
-    table.writerows({**row, "image": csv_cell(row["image"]), "warnings": "; ".join(row["warnings"])} for row in rows)
+    first_ns: int | None = None
+    for row in rows:
+        first_ns = row["time_ns"] if first_ns is None else first_ns
+        words = {"image": csv_cell(row["image"]), "warnings": "; ".join(row["warnings"])}
+        table.writerow({**row, "time_s": (row["time_ns"] - first_ns) / 1e9, **words})
     write_file_atomically(path, text.getvalue().encode())
 
 

@@ -21,7 +21,7 @@ from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
 WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
 """Names of the six components of a wrench in exported files."""
 _STD_COLUMNS = tuple(f"{name}_std" for name in WRENCH_COLUMNS)
-_TIME_COLUMNS = ("monotonic_ns", "wall_ns")
+_TIME_COLUMNS = ("time_s", "monotonic_ns", "wall_ns")
 _FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
@@ -92,8 +92,8 @@ def _tables_of(recording: Recording) -> Iterator[tuple[str, str, Sequence[str], 
     Wrenches are about the skin centre; the standard deviation of an unknown one is inf. Undone contacts have no pairs.
     """
 
-    def at(stamp_ns: int) -> tuple[int, int]:
-        return _both_times(recording, stamp_ns)
+    def at(stamp_ns: int) -> tuple[float, int, int]:
+        return _times_of(recording, stamp_ns)
 
     wrench, warnings = (*_TIME_COLUMNS, *WRENCH_COLUMNS), (*_STD_COLUMNS, "warnings")
     measured = ((*at(one.stamp_ns), *one.six.tolist()) for one in recording.wrenches())
@@ -124,7 +124,7 @@ def _export_images(recording: Recording, out: Path, on_image: Callable[[], None]
     for frame in recording.frames():
         name = f"image_{frame.index:08d}.png"
         _write_png(out / "images" / name, frame.image)
-        rows.append((name, *_both_times(recording, frame.stamp_ns)))
+        rows.append((name, *_times_of(recording, frame.stamp_ns)))
         on_image()
     return _write_csv(out / "images.csv", ("image", *_TIME_COLUMNS), rows)
 
@@ -149,12 +149,13 @@ def _export_heights(recording: Recording, out: Path) -> int:
         (out / "heights").mkdir(exist_ok=True)
         name = f"height_{index:08d}.npy"
         np.save(out / "heights" / name, z_mm)
-        rows.append((name, *_both_times(recording, stamp_ns), "; ".join(warnings.get(index, ()))))
+        rows.append((name, *_times_of(recording, stamp_ns), "; ".join(warnings.get(index, ()))))
     return _write_csv(out / "heights.csv", ("height", *_TIME_COLUMNS, "warnings"), rows)
 
 
-def _both_times(recording: Recording, stamp_ns: int) -> tuple[int, int]:
-    return stamp_ns, recording.metadata.wall_ns(stamp_ns)
+def _times_of(recording: Recording, stamp_ns: int) -> tuple[float, int, int]:
+    """Return seconds since the recording began, and both clocks."""
+    return (stamp_ns - recording.first_ns) / 1e9, stamp_ns, recording.metadata.wall_ns(stamp_ns)
 
 
 def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:
