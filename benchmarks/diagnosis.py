@@ -95,7 +95,10 @@ EDITS: dict[str, dict[str, Edit]] = {
     "gain changed": {f"× {k:g}": partial(light, gain=k) for k in (0.9, 1.08, 0.87, 0.95, 1.06, 1.14)},
     "gamma changed": {f"{k:g}": partial(light, gamma=k) for k in (0.8, 1.25, 0.7, 0.85, 1.18, 1.35)},
     "camera moved": {f"{m}": partial(move, x=m[0], y=m[1], clockwise_deg=m[2]) for m in ((2, -1, 0), (0, 0, 2))}
-    | {f"{m}": partial(move, x=m[0], y=m[1], clockwise_deg=m[2]) for m in ((1.8, 2.2, 0), (-7, 9, 1.3), (12, -11, -0.5))},
+    | {
+        f"{m}": partial(move, x=m[0], y=m[1], clockwise_deg=m[2])
+        for m in ((1.8, 2.2, 0), (-7, 9, 1.3), (12, -11, -0.5))
+    },
     "image mirrored": {
         way: partial(flip, code=code) for way, code in (("left–right", 1), ("up–down", 0), ("180°", -1))
     },

@@ -9,7 +9,7 @@ from ninedtact.quantities import HeightMap, HeightSource
 from ninedtact.tracking import Registrator, RigidMotion, TouchedSurface, touched_surface
 from ninedtact.tracking.rigid_motion import move_error, turn_error
 
-SHAPE, MM_PER_PX, DISTANCE_MM = (345, 460), 0.05, 20.0
+SHAPE, MM_PER_PX, DISTANCE_MM = (173, 230), 0.1, 20.0
 BUMPS_MM = np.array([(-2.4, -1.5), (1.9, -1.1), (0.4, 2.2), (-1.2, 1.4), (2.6, 1.6)])
 ANGLES, SHIFTS = st.floats(-0.25, 0.25), st.floats(-1.0, 1.0)
 

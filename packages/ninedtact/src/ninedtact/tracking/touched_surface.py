@@ -19,7 +19,7 @@ SMOOTHING_MM = 0.1
 """Standard deviation of the smoothing of heights before slopes are taken."""
 _POINT_PITCH_MM = 0.15
 """Distance of the points that are compared."""
-_MIN_POINTS = 60
+_MIN_POINTS, _MAX_POINTS = 60, 5000
 
 
 @dataclass(frozen=True)
@@ -35,16 +35,13 @@ class TouchedSurface:
     camera_distance_mm: float
     points_mm: Float[Array, "n 3"]
     """Points of the surface in the sensor's frame."""
+    point_area_mm2: float
+    """Area for which one point stands."""
 
     @property
     def centre_mm(self) -> Float[Array, "3"]:
         """The mean of the points."""
         return self.points_mm.mean(axis=0)
-
-    @property
-    def point_area_mm2(self) -> float:
-        """Area for which one point stands."""
-        return _POINT_PITCH_MM**2
 
     def sample(self, points_mm: Float[Array, "n 3"]) -> Float[Array, "4 n"]:
         """Return height, slopes along x and y, and whether the skin is held, at the lines of sight to these points."""
@@ -76,10 +73,14 @@ def touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]) -> Tou
     rows, cols = (number * every for number in np.nonzero(held[::every, ::every]))
     if len(rows) < _MIN_POINTS:
         return None
+    every_point = -(-len(rows) // _MAX_POINTS)
+    rows, cols = rows[::every_point], cols[::every_point]
     z_mm = cv2.GaussianBlur(height.z_mm, (0, 0), SMOOTHING_MM / px)
     slope_x, slope_y = (cv2.Sobel(z_mm, cv2.CV_32F, *order, ksize=3, scale=1 / (8 * px)) for order in ((1, 0), (0, 1)))
     z = z_mm[rows, cols].astype(float)
     x_axis, y_axis = height.axes_mm
     scale = 1 + z / height.camera_distance_mm
     points_mm = np.column_stack([x_axis[cols] * scale, y_axis[rows] * scale, z])
-    return TouchedSurface(z_mm, slope_x, slope_y, held.astype(np.float32), px, height.camera_distance_mm, points_mm)
+    area_mm2 = (every * px) ** 2 * every_point
+    distance_mm = height.camera_distance_mm
+    return TouchedSurface(z_mm, slope_x, slope_y, held.astype(np.float32), px, distance_mm, points_mm, area_mm2)
