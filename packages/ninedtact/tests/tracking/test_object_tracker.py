@@ -1,6 +1,7 @@
 """An object followed: over key frames, through a lost contact, and never from one object to another; and the command."""
 
 import csv
+import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -113,3 +114,22 @@ def test_a_track_that_cannot_be_written_is_one_sentence(
     words = ["--sensor", physical_sensor.path, "--reference", reference, "--out", "/no/such/folder/path.csv"]
     assert main(["track", str(images), *map(str, words)]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_what_was_followed_before_a_damaged_image_is_kept(
+    pressed_key: tuple[Path, Path, Pose],
+    physical_sensor: SensorFolder,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    reference, images, _ = pressed_key
+    damaged = Path(shutil.copytree(images, tmp_path / "images"))
+    content = (damaged / "03.png").read_bytes()
+    (damaged / "03.png").write_bytes(content[: len(content) // 2])
+    out = tmp_path / "path.csv"
+    words = ["--sensor", physical_sensor.path, "--reference", reference, "--out", out]
+    assert main(["track", str(damaged), *map(str, words)]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and "03.png" in said[0] and "3 images were followed before" in said[0]
+    rows = list(csv.DictReader(out.open()))
+    assert len(rows) == 3 and not any("nan" in text.lower() for row in rows for text in row.values())

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.quantities import HeightMap, HeightSource
-from ninedtact.tracking import Registrator, RigidMotion, TouchedSurface, touched_surface
+from ninedtact.tracking import Registration, RigidMotion, TouchedSurface, touched_surface
 from ninedtact.tracking.rigid_motion import move_error, turn_error
 
 SHAPE, MM_PER_PX, DISTANCE_MM = (173, 230), 0.1, 20.0
@@ -59,7 +59,7 @@ def test_any_motion_of_an_object_that_differs_everywhere_is_found(
         surface_of(seen_height(bumpy, motion, 0.002, seed)) for seed, motion in enumerate((RigidMotion(), true))
     )
     guess = RigidMotion(translation_mm=np.array([0.7 * x, 0.7 * y, 0.0]))
-    found = Registrator()(before, after, guess)
+    found = Registration()(before, after, guess)
     assert found is not None
     error = found.motion.difference(true, before.centre_mm)
     assert np.abs(error[:3]).max() < 0.02 and np.degrees(np.abs(error[3:])).max() < 0.5
@@ -71,7 +71,7 @@ def test_the_turn_of_a_ball_is_not_claimed() -> None:
     before, after = (
         surface_of(seen_height(ball, one, 0.004, seed)) for seed, one in enumerate((RigidMotion(), motion))
     )
-    found = Registrator()(before, after)
+    found = Registration()(before, after)
     assert found is not None
     assert np.degrees(found.std[5]) > 60 and abs(found.motion.yaw_rad) < 0.02
     # A ball that rolls about its centre moves its lowest point and turns: what can be seen is the motion of the centre.
@@ -84,7 +84,7 @@ def test_the_sliding_of_a_flat_face_is_not_claimed() -> None:
         return np.full_like(x, -0.5)
 
     before, after = (surface_of(seen_height(flat, RigidMotion(), 0.004, seed)) for seed in (1, 2))
-    found = Registrator()(before, after)
+    found = Registration()(before, after)
     assert found is not None
     assert found.std[:2].min() > 2 and np.degrees(found.std[5]) > 60
     assert found.std[2] < 0.03 and np.degrees(found.std[3:5]).max() < 1

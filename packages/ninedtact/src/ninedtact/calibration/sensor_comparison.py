@@ -105,12 +105,6 @@ def compare_sensors(folders: Sequence[Path | str]) -> SensorComparison:
     return SensorComparison(sensors, tuple(row for row in quantities if any(row.measured)))
 
 
-def reference_grey(sensor: SensorFolder) -> Float32[Array, "rows cols"] | None:
-    """Return the rectified image of the untouched skin in grey levels; None for an imported sensor, which has no images."""
-    name = next((name for name in ("ball_reference", "board_reference") if name in sensor.record.images), None)
-    return None if name is None else sensor.rectification(sensor.stored_image(name)).grey
-
-
 def _finite(measured: Measured | None) -> Measured | None:
     return measured if measured is not None and isfinite(measured.value) else None
 
@@ -132,7 +126,7 @@ def _pin_error(sensor: SensorFolder) -> Measured | None:
 
 def _of_reference(read: Callable[[Float32[Array, "rows cols"]], float]) -> Callable[[SensorFolder], Measured | None]:
     def measured(sensor: SensorFolder) -> Measured | None:
-        grey = reference_grey(sensor)
+        grey = sensor.reference_grey
         return None if grey is None else Measured(float(read(grey)))
 
     return measured
@@ -146,7 +140,7 @@ def _darkening_at(thinning_mm: float) -> Callable[[SensorFolder], Measured | Non
             return None
         curve, whole = sensor.depth.curve, 1.0
         if curve.signal == "difference":
-            grey = reference_grey(sensor)
+            grey = sensor.reference_grey
             if grey is None:
                 return None
             whole = float(grey.mean())

@@ -12,6 +12,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
 
 from ninedtact.bounds_and_checked_reading import (
     CHECKSUM_KEY,
@@ -214,6 +216,12 @@ class SensorFolder:
             )
         entry = self.record.images[name]
         return Frame(read_image(self._verify_file(entry.file, entry.sha256)))
+
+    @cached_property
+    def reference_grey(self) -> Float32[Array, "rows cols"] | None:
+        """The rectified image of the untouched skin in grey levels; None for an imported sensor, which has no images."""
+        name = next((name for name in ("ball_reference", "board_reference") if name in self.record.images), None)
+        return None if name is None else self.rectification(self.stored_image(name)).grey
 
     def twin(self) -> "Twin":
         """Build the sensor's digital twin from what its ball press showed of gel and light.

@@ -3,12 +3,19 @@
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
+from ninedtact.cli.result_and_interrupt import (
+    count_images,
+    given_or_recorded_sensor,
+    print_notice,
+    print_result,
+    stop_on_signal,
+)
 from ninedtact.cli.shared_options import ForceOption, RecordedSensorOption, ReferenceOrFirstOption, SourceOption
 
 if TYPE_CHECKING:
@@ -40,27 +47,38 @@ class Track:
     """Print the path as one JSON object; what is not known is null."""
 
     def run(self) -> int:
-        """Follow the object through every image and print how far it went."""
+        """Follow the object through every image and print how far it went; return 1 where a file is damaged or a camera lost, after
+        what came before it; raises that error where nothing did."""
         import ninedtact
         from ninedtact.atomic_write import require_place_for_file, write_file_atomically
+        from ninedtact.errors import CameraError, FileFormatError
         from ninedtact.tracking import ObjectTracker
 
         require_place_for_file(self.out)
         tracker, rows = ObjectTracker(), list[dict[str, Any]]()
+        damage: FileFormatError | CameraError | None = None
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
             sensor = ninedtact.open(folder, self.source, self.force, self.reference, follow_reference=False)
             with stop_on_signal() if sensor.source.is_live else nullcontext() as stop, sensor:
                 if stop is not None:
                     print_notice(f"following what touches {sensor.source.name} until Ctrl-C")
                 first_ns: int | None = None
-                for reading in sensor:
-                    first_ns = reading.stamp_ns if first_ns is None else first_ns
-                    rows.append(_row(reading, tracker.update(reading), first_ns))
-                    if stop is not None and stop.now:
-                        break
+                try:
+                    for reading in sensor:
+                        first_ns = reading.stamp_ns if first_ns is None else first_ns
+                        rows.append(_row(reading, tracker.update(reading), first_ns))
+                        if stop is not None and stop.now:
+                            break
+                except (FileFormatError, CameraError) as error:
+                    if not rows:
+                        raise
+                    damage = error
         if self.out is not None:
             write_file_atomically(self.out, _to_csv(rows))
-        return print_result(self.json, {"path": rows}, self._format(rows))
+        print_result(self.json, {"path": rows}, self._format(rows))
+        if damage is not None:
+            print_notice(f"{damage} ({count_images(len(rows))} followed before)")
+        return 0 if damage is None else 1
 
     def _format(self, rows: list[dict[str, Any]]) -> Iterator[str]:
         tracked = [row for row in rows if row["state"] == "tracked"]
@@ -110,7 +128,12 @@ def _to_csv(rows: list[dict[str, Any]]) -> bytes:
     text = StringIO()
     table = csv.DictWriter(text, COLUMNS)
     table.writeheader()
-    table.writerows(
-        {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in row.items()} for row in rows
-    )
-    return text.getvalue().replace("nan", "").encode()
+    table.writerows({name: _to_cell(value) for name, value in row.items()} for row in rows)
+    return text.getvalue().encode()
+
+
+def _to_cell(value: Any) -> Any:
+    """Return a value for a table; what is not known is an empty cell."""
+    if isinstance(value, float):
+        return f"{value:.6g}" if isfinite(value) else ""
+    return value

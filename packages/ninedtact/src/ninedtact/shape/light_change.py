@@ -4,8 +4,8 @@
 
 A dimmed LED under a rolling shutter puts *bands* on the raw rows: one profile over the whole width, periodic over the whole height,
 which no contact makes unless it covers the view. *Gain* is the median of the ratio, and *gamma* the slope of log brightness, over
-skin where the ratio is flat; a dent and its bulges leave the median within 0.2 % on the twins of real sensors. *Dirt* is darker or
-brighter than its surroundings with an edge that is steeper than scattered light allows; it is replaced by its surroundings.
+skin where the ratio is flat. Gel keeps its volume: what a wide press displaces rises elsewhere and brightens the median by a
+hundredth and more, which is no change of the light. *Dirt* (`dirt`) is replaced by its surroundings.
 
 An image whose light has not changed is returned as it is. What is smaller than the dead zones below is not taken out, so that the
 same press gives the same answer in steady light.
@@ -17,11 +17,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, HeightSource, Rectified
 from ninedtact.shape.deblurring import block_means
+from ninedtact.shape.dirt import MIN_DIRT_CONTRAST, Cells, Grey, replace_dirt
 from ninedtact.shape.lens_and_rectification import Rectification
 
 _CELL_PX = 8
@@ -60,27 +61,6 @@ _MIN_EXPLAINED, _FEW_CYCLES, _MIN_EXPLAINED_OF_FEW = 0.75, 2.5, 0.92
 _MAX_SIDE_DIFFERENCE = 0.35
 """Largest difference between the bands of one side of the view and those of the whole, as a fraction."""
 _HARMONICS = 3
-
-_MIN_DIRT_CONTRAST = 0.06
-"""Smallest difference of brightness over a millimetre at which an edge is judged."""
-_DIRT_CELL_PX = 2
-_DIRT_BLUR, _DIRT_WINDOW = 0.8, np.ones((13, 13), np.uint8)
-"""Smoothing and window of edges, in cells of dirt: the window is 1.3 mm wide."""
-_STEEPEST = 0.25
-"""Slope per cell over the contrast above which an edge is dirt. Pins pressed on real sensors reach 0.22, and presses on twins of
-real sensors 0.14; specks of 10 to 40 % with an edge of up to 3 raw pixels reach 0.25 to 0.49."""
-_LEAST_STEEP = 0.15
-"""Slope per cell over the contrast of edges that go on from dirt."""
-_CONTRAST_PER_NOISE = 40.0
-"""Contrast, in medians of the slope, below which an edge may be noise or compression."""
-_MAX_DIRT_SHARE = 0.05
-_DIRT_RIM = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
-_CLOSING = np.ones((3, 3), np.uint8)
-_FILLING_SIGMAS, _MIN_FILLING_WEIGHT = (1.5, 3.0, 6.0, 12.0, 24.0), 0.1
-_FILLING_BLURS, _FILLING_BLUR = 8, 2.0
-
-Cells = Float32[Array, "few_rows few_cols"]
-Grey = Float32[Array, "rows cols"]
 
 
 @dataclass(frozen=True)
@@ -193,8 +173,8 @@ class LightCorrection:
                 _apply_gain(grey, 1 / gain, 1.0) if gamma == 1 else _apply_gain(grey / np.float32(gain), 1.0, 1 / gamma)
             )
         spots, area_mm2 = 0, 0.0
-        if seen.max() - seen.min() > _MIN_DIRT_CONTRAST / 4:
-            grey, spots, area_px = _replace_dirt(grey, reference.grey)
+        if seen.max() - seen.min() > MIN_DIRT_CONTRAST / 4:
+            grey, spots, area_px = replace_dirt(grey, reference.grey)
             area_mm2 = area_px * image.mm_per_px**2
         change = LightChange(level, gain, gamma, bands, spots, area_mm2, is_known)
         return (image if grey is image.grey else Rectified(grey, image.mm_per_px, image.stamp_ns)), change
@@ -401,67 +381,6 @@ def fit_gamma(ratio: Float32[Array, " n"], reference: Float32[Array, " n"]) -> G
         float(abs(slope) * np.sqrt(variance)),
         float(np.median(residual)),
     )
-
-
-def _replace_dirt(grey: Grey, reference: Grey) -> tuple[Grey, int, int]:
-    """Return the image with dirt replaced by its surroundings, the number of spots and their area in pixels."""
-    ratio = block_means(grey, _DIRT_CELL_PX) / np.maximum(block_means(reference, _DIRT_CELL_PX), np.float32(1))
-    mask, spots = _find_dirt(ratio)
-    if not spots:
-        return grey, 0, 0
-    filled = _fill_from_surroundings(ratio, mask)
-    rows, cols = grey.shape
-    dirty, light = (
-        cv2.resize(part, None, fx=_DIRT_CELL_PX, fy=_DIRT_CELL_PX, interpolation=how)[:rows, :cols]
-        for part, how in ((mask, cv2.INTER_NEAREST), (filled, cv2.INTER_LINEAR))
-    )
-    return np.where(dirty > 0, light * reference, grey).astype(np.float32), spots, int((dirty > 0).sum())
-
-
-def _find_dirt(ratio: Cells) -> tuple[UInt8[Array, "few_rows few_cols"], int]:
-    """Return a mask that is not zero on dirt and its rim, and the number of spots."""
-    smooth = cv2.GaussianBlur(ratio, (0, 0), _DIRT_BLUR)
-    slope = cv2.magnitude(
-        cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-    )
-    nothing = np.zeros(ratio.shape, np.uint8)
-    contrast = max(_MIN_DIRT_CONTRAST, _CONTRAST_PER_NOISE * _median(slope[::8, ::2]))
-    if cv2.minMaxLoc(slope)[1] <= _STEEPEST * contrast:
-        return nothing, 0
-    # The morphological gradient is the difference of the largest and the smallest value in the window.
-    local = cv2.morphologyEx(smooth, cv2.MORPH_GRADIENT, _DIRT_WINDOW)
-    steepness = cv2.divide(slope, cv2.max(local, contrast))
-    if cv2.minMaxLoc(steepness)[1] <= _STEEPEST:
-        return nothing, 0
-    edges = cv2.morphologyEx((steepness > _LEAST_STEEP).astype(np.uint8), cv2.MORPH_CLOSE, _CLOSING)
-    _, label = cv2.connectedComponents(edges)
-    steep = np.unique(label[(steepness > _STEEPEST) & (edges > 0)])
-    outlines, _ = cv2.findContours(np.isin(label, steep).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    mask = cv2.dilate(cv2.drawContours(nothing.copy(), outlines, -1, (255,), cv2.FILLED), _DIRT_RIM)
-    if np.count_nonzero(mask) > _MAX_DIRT_SHARE * mask.size:
-        return nothing, 0
-    return np.asarray(mask, np.uint8), cv2.connectedComponents(mask)[0] - 1
-
-
-def _fill_from_surroundings(ratio: Cells, mask: UInt8[Array, "few_rows few_cols"]) -> Cells:
-    """Return the field with masked cells replaced by weighted means of their surroundings, which widen until they reach all.
-
-    Blurring the filled cells a few times more takes the steps between the widths out and goes on with slopes from side to side.
-    """
-    filled, known = ratio.copy(), (mask == 0).astype(np.float32)
-    missing = mask > 0
-    for sigma in _FILLING_SIGMAS:
-        weight = cv2.GaussianBlur(known, (0, 0), sigma)
-        mean = cv2.GaussianBlur(ratio * known, (0, 0), sigma) / np.maximum(weight, np.float32(1e-6))
-        reached = missing & (weight > _MIN_FILLING_WEIGHT)
-        filled[reached] = mean[reached]
-        missing &= ~reached
-        if not missing.any():
-            break
-    filled[missing] = 1
-    for _ in range(_FILLING_BLURS):
-        filled[mask > 0] = cv2.GaussianBlur(filled, (0, 0), _FILLING_BLUR)[mask > 0]
-    return filled
 
 
 def _median(values: Float32[Array, "*shape"], axis: int | None = None) -> Any:

@@ -4,7 +4,7 @@
 """
 
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker, TrackState
-from ninedtact.tracking.registration import Registration, Registrator
+from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
 from ninedtact.tracking.touched_surface import TouchedSurface, touched_surface
 
@@ -12,7 +12,7 @@ __all__ = [
     "ObjectMotion",
     "ObjectTracker",
     "Registration",
-    "Registrator",
+    "RegistrationResult",
     "RigidMotion",
     "TouchedSurface",
     "TrackState",

@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
-from ninedtact.tracking.registration import Registration, Registrator
+from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import Covariance, RigidMotion, move_error, turn_error
 from ninedtact.tracking.touched_surface import TouchedSurface, touched_surface
 
@@ -88,7 +88,7 @@ class ObjectTracker:
     ...     motions = [tracker.update(reading) for reading, _ in zip(sensor, range(100))]
     """
 
-    register: Registrator = Registrator()
+    register: Registration = Registration()
     path: int = field(default=0, init=False)
     _origin_mm: Float[Array, "3"] = field(default_factory=lambda: np.zeros(3), init=False, repr=False)
     _key_frames: list[_KeyFrame] = field(default_factory=list, init=False, repr=False)
@@ -127,7 +127,7 @@ class ObjectTracker:
         before, last = self._relative
         return last.after(before.inverse).after(last)
 
-    def _accept(self, key: _KeyFrame, found: Registration, surface: TouchedSurface) -> ObjectMotion:
+    def _accept(self, key: _KeyFrame, found: RegistrationResult, surface: TouchedSurface) -> ObjectMotion:
         motion = found.motion.after(key.motion)
         position_mm = motion(self._origin_mm)
         covariance = turn_error(key.covariance, found.motion.rotation) + move_error(
@@ -185,7 +185,7 @@ class ObjectTracker:
         return ObjectMotion(state, reason, self.path)
 
 
-def _reason_to_reject(found: Registration | None) -> str:
+def _reason_to_reject(found: RegistrationResult | None) -> str:
     """Return why two surfaces are not those of one object at rest in between; empty where they are."""
     if found is None or found.overlap < _MIN_OVERLAP:
         return "too little of the surface touches that touched before"

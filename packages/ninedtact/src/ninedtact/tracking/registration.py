@@ -1,7 +1,7 @@
 """The motion of an object between two readings: the surface that touched is laid onto the surface that touches now.
 
 Points of the earlier surface are moved and compared along the normals of the later one (point to plane), where the object holds the
-skin in both. A `Registrator` is made of three parts that can be exchanged: the residual with its derivatives, the weights that
+skin in both. A `Registration` is made of three parts that can be exchanged: the residual with its derivatives, the weights that
 reject what does not belong to both, and the rule that ends the iterations.
 
 Not every motion can be seen: a ball looks the same after any turn, and a flat face while it slides along itself. Noise of the
@@ -30,6 +30,9 @@ Weights = Callable[[Float[Array, " n"], Float[Array, " n"]], Float[Array, " n"]]
 Termination = Callable[[int, Float[Array, "6"]], bool]
 """Returns whether the search ends, from the number of the iteration and its step in mm."""
 
+_MAX_ITERATIONS = 50
+_MIN_WEIGHT = 30.0
+"""Sum of the weights of the points below which two surfaces do not overlap."""
 _LEAST_DISTANCE_MM = 0.004
 """Standard deviation of heights that is assumed at least."""
 _MOST_NOISE_MM = 0.012
@@ -87,7 +90,7 @@ class EndAtSmallStep:
 
 
 @dataclass(frozen=True)
-class Registration:
+class RegistrationResult:
     """The motion of the object from the earlier reading to the later one."""
 
     motion: RigidMotion
@@ -107,7 +110,7 @@ class Registration:
 
 
 @dataclass(frozen=True)
-class Registrator:
+class Registration:
     """Finds motions between readings; its parts can be exchanged."""
 
     residual: Residual = point_to_plane
@@ -116,14 +119,14 @@ class Registrator:
 
     def __call__(
         self, earlier: TouchedSurface, later: TouchedSurface, guess: RigidMotion = RigidMotion()
-    ) -> Registration | None:
+    ) -> RegistrationResult | None:
         """Return the motion from one surface to the next, from a guess near by; None where they do not overlap."""
         motion, radius_mm = guess, _radius_of_gyration(earlier)
         scale = np.array([1, 1, 1, radius_mm, radius_mm, radius_mm])  # all six in mm at the rim
-        for iteration in range(_MOST_ITERATIONS):
+        for iteration in range(_MAX_ITERATIONS):
             distance, derivative, both, lever = self.residual(earlier, later, motion)
             weight = self.weights(distance, both)
-            if weight.sum() < _LEAST_POINTS:
+            if weight.sum() < _MIN_WEIGHT:
                 return None
             rms_mm = float(np.sqrt(weight @ distance**2 / weight.sum()))
             scaled = derivative / scale
@@ -144,11 +147,7 @@ class Registrator:
         known = directions * np.where(is_seen, signal / variance, 0) @ directions.T
         covariance = np.linalg.inv(known + np.diag(prior)) / np.outer(scale, scale) + np.diag(_SYSTEMATIC_STD**2)
         overlap = float((both > 0.5).mean())
-        return Registration(motion, covariance, motion(earlier.centre_mm), overlap, rms_mm)
-
-
-_MOST_ITERATIONS = 50
-_LEAST_POINTS = 30.0
+        return RegistrationResult(motion, covariance, motion(earlier.centre_mm), overlap, rms_mm)
 
 
 def _radius_of_gyration(surface: TouchedSurface) -> float:

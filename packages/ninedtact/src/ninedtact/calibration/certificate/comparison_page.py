@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.certificate.html_page import render_page
 from ninedtact.calibration.certificate.plot_board import INK, add_labelled_axes, new_certificate_figure
-from ninedtact.calibration.sensor_comparison import SensorComparison, reference_grey
+from ninedtact.calibration.sensor_comparison import SensorComparison
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.shape.coloured_height_map import figure_to_png
 
@@ -86,7 +86,7 @@ def _lens_scale(sensor: SensorFolder) -> tuple[Float[Array, " rings"], Float[Arr
 
 def _plot_reference_images(comparison: SensorComparison) -> bytes | None:
     """Return a PNG of the rectified reference images on one scale of grey; None where no sensor has one."""
-    found = [(name, reference_grey(sensor)) for name, sensor in zip(comparison.names, comparison.sensors, strict=True)]
+    found = [(name, sensor.reference_grey) for name, sensor in zip(comparison.names, comparison.sensors, strict=True)]
     shown: Sequence[tuple[str, Float[Array, "rows cols"]]] = [(name, grey) for name, grey in found if grey is not None]
     if not shown:
         return None
