@@ -12,7 +12,7 @@ import pytest
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import SensorFolderNotReplaceable, kept_calibration_notices, save_sensor, to_sensor_toml
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
-from ninedtact.calibration.sensor_toml_schema import SensorTomlRecord
+from ninedtact.calibration.sensor_toml_schema import SENSOR_FORMAT, SensorTomlRecord
 from ninedtact.cli import main
 
 
@@ -39,7 +39,7 @@ def make_failed(folder: Path) -> None:
 
 def make_older_format(folder: Path) -> None:
     text = (folder / SENSOR_FILE).read_text()
-    (folder / SENSOR_FILE).write_text(text.replace("format = 6", "format = 3"))
+    (folder / SENSOR_FILE).write_text(text.replace(f"format = {SENSOR_FORMAT}", "format = 3"))
 
 
 @pytest.mark.parametrize(("make", "stays"), [(keep_good, True), (make_older_format, True), (make_failed, False)])

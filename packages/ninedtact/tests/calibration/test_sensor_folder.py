@@ -29,7 +29,13 @@ from ninedtact.calibration.save import (
     to_sensor_toml,
 )
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged, load_sensor
-from ninedtact.calibration.sensor_toml_schema import GridTable, KnownLoadTable, LensCorrectionTable, PinMapTable
+from ninedtact.calibration.sensor_toml_schema import (
+    SENSOR_FORMAT,
+    GridTable,
+    KnownLoadTable,
+    LensCorrectionTable,
+    PinMapTable,
+)
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main
@@ -80,8 +86,10 @@ def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated
 
 @pytest.mark.parametrize("version", [3, 99])
 def test_another_format_is_refused(folder: Path, version: int) -> None:
-    edit(folder, "format = 6", f"format = {version}")
-    with pytest.raises(SensorFolderDamaged, match=f"in format 6, got format {version} .*; calibrate the sensor again"):
+    edit(folder, f"format = {SENSOR_FORMAT}", f"format = {version}")
+    with pytest.raises(
+        SensorFolderDamaged, match=f"in format {SENSOR_FORMAT}, got format {version} .*; calibrate the sensor again"
+    ):
         load_sensor(folder)
 
 

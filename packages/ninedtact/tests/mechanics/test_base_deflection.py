@@ -10,18 +10,20 @@ from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.mechanics.contact_model import ContactModel
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
 GRID = PeriodicGrid(128, 128, 0.2)
 
 
-def press_of(gel: Gel, depth_mm: float, drag_mm: float = 0.0) -> Contact:
-    """A ball pressed into the gel at finite strain, and dragged."""
+def press_of(gel: Gel, depth_mm: float, drag_mm: float = 0.0, indenter: Indenter = Ball(4.0)) -> Contact:
+    """An object pressed into the gel at finite strain, and dragged along x."""
     model = ContactModel(gel_skin(GRID, gel), friction=1.0)
     steps = [Pose(depth_mm=depth_mm * part) for part in (0.25, 0.5, 0.75, 1.0)]
-    *_, last = model.follow(Ball(4.0), [*steps, Pose(drag_mm, 0.0, depth_mm)])
+    *_, last = model.follow(
+        indenter, [*steps, *(Pose(drag_mm * part, 0.0, depth_mm) for part in (0.25, 0.5, 0.75, 1.0))]
+    )
     return correct_for_finite_strain(last)
 
 
@@ -36,6 +38,20 @@ def test_thickness_and_deflection_add_up_to_the_height(ratio: float, depth_mm: f
     near = np.hypot(*GRID.positions_mm) < 6
     ignored, left = (np.abs(each - contact.height_mm)[near].mean() for each in (thicker_mm, read_mm))
     assert left < 0.07 and left < 0.7 * ignored
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.2])
+@pytest.mark.parametrize("indenter", [Ball(4.0), Ball(8.0), FlatPunch(4.0)], ids=["ball 4", "ball 8", "punch"])
+def test_skin_under_a_dragged_object_is_neither_tilted_nor_raised(ratio: float, indenter: Indenter) -> None:
+    gel = Gel(2.0, gel_to_base_modulus_ratio=ratio)
+    for drag_mm in (0.0, 0.5, 1.2):
+        contact = press_of(gel, 0.6, drag_mm, indenter)
+        thicker_mm = contact.thickness_change_mm.astype(np.float32)
+        error_mm = thicker_mm + BaseDeflection(gel)(thicker_mm, GRID.pitch_mm) - contact.height_mm
+        pressed = contact.pressure_mpa > 0
+        x_mm, interface_mm = GRID.positions_mm[0][pressed], (contact.height_mm - thicker_mm)[pressed]
+        assert abs(error_mm[pressed].mean()) < 0.22 * abs(interface_mm.mean())
+        assert abs(np.degrees(np.polyfit(x_mm, error_mm[pressed], 1)[0])) < 0.3  # 3° if shear is left out
 
 
 def test_a_rigid_base_does_not_move_and_untouched_gel_neither() -> None:

@@ -27,7 +27,7 @@ from ninedtact.shape.lens_and_rectification import (
 )
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
-SENSOR_FORMAT = 6
+SENSOR_FORMAT = 7
 """Format number, raised with every change that makes older files unreadable."""
 NOT_CALIBRATED = ("format", "id", "created", "software")
 """Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""

@@ -256,6 +256,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
             self._set(advice=seen.sentence, pins=seen.pins or pins or self._state.pins)
             if seen.image is not None:
                 self._taken[step.name] = seen.image
+                self._last_back_s = -np.inf  # the next wish to go back is a new one
                 self._begin_step(len(self._taken))
 
     def _count_pins(
@@ -303,6 +304,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
             self._require_agreement()
             folder = save_sensor(self.out, made)
         except (NinedtactError, OSError) as refusal:
+            self._last_back_s = -np.inf
             self._set(phase=CalibrationPhase.REFUSED, advice=str(refusal))
         else:
             self.saved = folder

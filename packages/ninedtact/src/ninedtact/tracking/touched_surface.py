@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap, HeightSource
 
-RIM_MM = 0.1
+RIM_MM = 0.2
 """Width of the rim that is left out."""
 SMOOTHING_MM = 0.1
 """Standard deviation of the smoothing of heights before slopes are taken."""
