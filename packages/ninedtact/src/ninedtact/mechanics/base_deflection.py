@@ -32,8 +32,8 @@ _PITCH_MM = 0.8
 _MARGIN_MM = 6.0
 """Width of the skin beyond the field; thicker or thinner gel there is not seen and taken as untouched."""
 HELD_SHARE = 0.45
-"""Found on balls, flat punches, a gear, a letter, a key and a screw on gels of 1.7 to 2.5 mm whose bases are 3 to 25 times as stiff,
-with friction of 0.3 to 1: without it, flat objects are read too shallow by up to a third of the interface's deflection."""
+"""Found on balls, flat punches, a gear, a letter, a key and a screw on gels of 1.7 to 2.5 mm, with bases 3 to 25 times as stiff
+and friction of 0.3 to 1: without it, flat objects are read too shallow by up to a third of the interface's deflection."""
 STIFFENING = 0.3
 """Usual factor on the stiffening, found on the same objects; a calibration finds that of its own ball."""
 _LEAST_THINNING_MM = 0.05
