@@ -77,12 +77,13 @@ BLOCK, ASIDE, FAR = np.s_[6:11, 6:11], np.s_[6:9, 11:14], np.s_[14:16, 18:21]
 
 
 def region_of(
-    *dents: tuple[tuple[slice, slice], float], noise: float = 1e-3, margin_mm: float = 0.0
+    *dents: tuple[tuple[slice, slice], float], noise: float = 1e-3, margin_mm: float = 0.0, far_change: float = -0.1
 ) -> np.ndarray | None:
-    """The contact region of square dents, the first of which is dark."""
+    """The contact region of square dents, of which the first and the far one are dark."""
     z_mm, change = np.zeros((2, 20, 26), np.float32)
     for place, depth_mm in dents:
         z_mm[place] = -depth_mm
+    change[FAR] = far_change
     change[dents[0][0]] = -0.2
     z_mm[0] = -margin_mm
     return find_contact_region(change, z_mm, np.ones_like(z_mm), noise, 1, SETTINGS)
@@ -100,6 +101,8 @@ def test_a_contact_takes_in_what_is_deep_and_what_is_joined_to_it(
     joined = region_of((BLOCK, deepest_mm), (ASIDE, 1.1 * shallow_mm), (FAR, 1.1 * deep_mm))
     assert joined is not None and joined[ASIDE].all() and joined[FAR].all()
     assert joined[:, 16:].sum() == 6 + 10  # with its rim
+    sunk = region_of((BLOCK, deepest_mm), (FAR, 1.1 * deep_mm), far_change=-0.02)  # with the base below
+    np.testing.assert_array_equal(sunk, expected)
 
 
 def test_cells_that_are_half_as_dark_as_the_darkest_are_in_contact_at_any_height() -> None:
