@@ -50,7 +50,7 @@ def test_skin_under_a_dragged_object_is_neither_tilted_nor_raised(ratio: float, 
         error_mm = thicker_mm + BaseDeflection(gel)(thicker_mm, GRID.pitch_mm) - contact.height_mm
         pressed = contact.pressure_mpa > 0
         x_mm, interface_mm = GRID.positions_mm[0][pressed], (contact.height_mm - thicker_mm)[pressed]
-        assert abs(error_mm[pressed].mean()) < 0.22 * abs(interface_mm.mean())
+        assert abs(error_mm[pressed].mean()) < 0.28 * abs(interface_mm.mean())
         assert abs(np.degrees(np.polyfit(x_mm, error_mm[pressed], 1)[0])) < 0.3  # 3° if shear is left out
 
 
