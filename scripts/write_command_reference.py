@@ -62,6 +62,10 @@ EXAMPLES = {
 """Arguments of one usual call of every command; the tests parse them."""
 
 
+MANY_NUMBERS = 6
+"""Options that are numbers with a default, from which on a command's are listed with their defaults alone."""
+
+
 @dataclass(frozen=True)
 class CommandOption:
     """One argument of a command: how it is written, what the help says of it, and its default or that it is required."""
@@ -74,6 +78,16 @@ class CommandOption:
     def name(self) -> str:
         """The option without the kind of its value."""
         return self.flags.split()[0]
+
+    @property
+    def meaning(self) -> tuple[str, str]:
+        """The name and the text, which several commands may share, also where some take several values."""
+        return self.name, self.gist()
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the option is a number that has a default."""
+        return "FLOAT" in self.flags and self.note.startswith("(default")
 
     def entry(self, with_note: bool) -> str:
         """Return the lines of this option in a block: how it is written, what it is for, and perhaps its note."""
@@ -88,6 +102,7 @@ class CommandOption:
         if self.name.startswith("--no-") or re.search(r"[{,](\w+)[,}].*\b\1: ", f"{self.flags} {self.text}"):
             return self.text
         clause = re.split(r"(?:(?<!\.)\.(?= [A-Z`])|; )(?![^(]*\))", self.text, maxsplit=1)[0].rstrip(".")
+        clause = re.split(r", (?:which|whose) (?![^(]*\))", clause, maxsplit=1)[0]
         if len(clause.split()) < 3:
             return self.text
         head = re.split(r": (?![^(]*\))", clause, maxsplit=1)[0]
@@ -103,20 +118,24 @@ def command_reference() -> str:
     """Return the page."""
     commands = {" ".join(words): help_text(*words) for words in command_words()}
     options = {name: command_options(text) for name, text in commands.items()}
-    uses = Counter(one.entry(False) for each in options.values() for one in each if one.name.startswith("--"))
-    shared = {entry for entry, count in uses.items() if count > 1 and "." not in entry.split()[0]}
-    listed = "\n".join(sorted(shared))
+    every = [one for each in options.values() for one in each if one.name.startswith("--") and "." not in one.name]
+    uses = Counter(one.meaning for one in every)
+    shared = {one.meaning: one.entry(False) for one in every if uses[one.meaning] > 1}
+    listed = "\n".join(sorted(shared.values()))
     sections = [command_section(name, commands[name], options[name], shared) for name in commands]
     return "\n".join([HEADER, f"## Shared options\n\n```text\n{listed}\n```\n", *sections])
 
 
-def command_section(name: str, text: str, options: list[CommandOption], shared: set[str]) -> str:
+def command_section(name: str, text: str, options: list[CommandOption], shared: dict[tuple[str, str], str]) -> str:
     """Return the part of the page about one command."""
     purpose = text.split("\n\n")[1].strip()
+    has_many = sum(one.is_number for one in options) >= MANY_NUMBERS
     lists = {
-        "Settings and their defaults": [one for one in options if "." in one.name],
-        "[Shared](#shared-options)": [one for one in options if one.entry(False) in shared],
+        "Settings and their defaults": [one for one in options if "." in one.name or (has_many and one.is_number)],
+        "[Shared](#shared-options)": [one for one in options if one.meaning in shared],
     }
+    settings, rest = lists.values()
+    rest[:] = [one for one in rest if one not in settings]
     own = [one for one in options if not any(one in each for each in lists.values())]
     lines = [f"## ninedtact {name}", "", purpose, "", f"    ninedtact {name} {EXAMPLES[name]}".rstrip(), ""]
     if own:

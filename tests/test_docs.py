@@ -182,9 +182,12 @@ def test_a_site_that_loads_from_elsewhere_or_links_to_nothing_is_refused(tmp_pat
     ]
 
 
-EXAMPLES = re.findall(
-    r"^```python\n(.*?)^```", (ROOT / "docs" / "api.md").read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-)
+def python_blocks(page: str) -> list[str]:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+EXAMPLES = [*python_blocks("api.md"), *(block for block in python_blocks("simulators.md") if "my_sensor" in block)]
 PREPARE = """
 import cv2, pathlib
 from ninedtact.cli import main

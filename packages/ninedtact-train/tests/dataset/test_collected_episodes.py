@@ -21,7 +21,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.cli import main
 from ninedtact.design import RectifiedImageSize, SensorDesign
-from ninedtact.errors import CalibrationError, DatasetError
+from ninedtact.errors import DatasetError, InputError
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import RecordingCutShort, sensor_folder_attachments
@@ -91,9 +91,13 @@ def test_the_calibrations_of_recordings_are_in_the_data_set_unless_they_contradi
     assert (tmp_path / "one" / "sensors" / "little" / SENSOR_FILE).read_bytes() == attached[f"sensor/{SENSOR_FILE}"]
     other = attached[f"sensor/{SENSOR_FILE}"].replace(b'software = "test"', b'software = "another"')
     episode(tmp_path / "in" / "wednesday.mcap", {f"sensor/{SENSOR_FILE}": other})
-    built_from(tmp_path / "two", tmp_path / "in")
-    with pytest.raises(CalibrationError, match="got none, or several of one sensor; give --sensors"):
-        load_dataset_sensors(tmp_path / "two", None, 1, progress=False)
+    with pytest.raises(
+        InputError, match=r"of sensor 'little', got different ones in .*monday.mcap and .*wednesday.mcap"
+    ):
+        built_from(tmp_path / "two", tmp_path / "in")
+    assert not (tmp_path / "two").exists()
+    built_from(tmp_path / "two", tmp_path / "in", SourceConventions(sensor=sensor.path))
+    assert list(load_dataset_sensors(tmp_path / "two", None, 1, progress=False).by_name) == ["little"]
 
 
 def test_pairs_are_rectified_with_the_sensor_that_rides_along(sensor: SensorFolder, tmp_path: Path) -> None:

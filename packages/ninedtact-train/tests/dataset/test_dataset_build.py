@@ -61,9 +61,8 @@ def test_simulated_sensors_and_their_calibrations_come_along_unless_a_name_is_th
     tables[1]["friction"] += 0.1
     tables[1]["checksum"] = mapping_checksum(tables[1])
     (source / "sensors.json").write_text(json.dumps(tables))
-    built_from(tmp_path / "both", twins, source)
-    assert set(load_simulated_sensors(tmp_path / "both")) == {"twin_0_000"}
-    assert not (tmp_path / "both" / "sensors").exists()
+    with pytest.raises(InputError, match=r"got another 'twin_0_001' in .*source"):
+        built_from(tmp_path / "both", twins, source)
 
 
 def test_several_sources_keep_their_ids_apart(twins: Path, tree: LittleTree, tmp_path: Path) -> None:

@@ -245,14 +245,21 @@ def test_trained_from_the_command_line(
 ) -> None:
     out = tmp_path / "out"
     size = ("--size", "24", "16", "--epochs", "1", "--batch", "4")
-    options = ["--data", str(folder), "--sensors", str(sensors), "--out", str(out), *size, "--held-out", "object"]
-    assert main(["train", *options, "--name", "little", "--json", *ON_CPU]) == 0
-    found = json.loads(capsys.readouterr().out)
+    options = ["--data", str(folder), "--sensors", str(sensors), "--out", str(out), *size, "--name", "little"]
+    assert main(["train", *options, *ON_CPU, "--held-out", "object", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "of 12 pairs, 8 are trained on and 4 are held out to choose the best epoch\n" in printed.err
+    found = json.loads(printed.out)
     assert found["model"] == str(out / "model.onnx") and (found["pairs"], found["held_out"]["pairs"]) == (8, 4)
     card = read_force_model(out / "model.onnx").card
     assert (card.name, card.network) == ("little", "moments")
     assert (card.input.channels, card.input.rows, card.input.mm_per_px) == (InputChannels.HEIGHTS_AND_SENSOR, 16, 1.0)
-    assert "seed: 1 instead of 0" in told(capsys, [*options, "--name", "little", "--seed", "1"])
+    assert "seed: 1 instead of 0" in told(capsys, [*options, "--held-out", "object", "--seed", "1"])
+    assert (
+        main(["train", *options, *ON_CPU]) == 1
+    )  # sensors and objects are held out by default, so that other pairs are trained on
+    refused = capsys.readouterr().err
+    assert "4 are trained on and 2 are held out to choose the best epoch; left out are 6 whose sensor or" in refused
 
 
 def test_what_cannot_be_learnt_from_is_refused_in_a_sentence(

@@ -81,7 +81,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(brow
         wait(lambda: session.state.quality is not None and session.state.quality.mean_grey > 180)
         phone.get_by_role("button", name="darker").click()
         wait(lambda: session.state.quality is not None and session.state.quality.mean_grey < 170)
-        desk.get_by_label("presses by itself").uncheck()
+        desk.get_by_label("press automatically").uncheck()
         wait(lambda: not camera.plays_by_itself)
         phone.get_by_role("button", name="Start").click()
         wait(lambda: says(desk, "Press the pin board (9 x 7 pins)") and says(phone, "nothing touches the skin yet"))
@@ -90,7 +90,7 @@ def test_a_simulated_sensor_is_calibrated_in_the_browser_to_its_certificate(brow
         wait(lambda: session.state.step == 2)
         assert session.state.phase is CalibrationPhase.CAPTURE
         sensor_folder(session.out)  # another sensor appears at the folder to write
-        phone.get_by_label("presses by itself").check()
+        phone.get_by_label("press automatically").check()
         wait(lambda: says(desk, "This calibration is refused.") and says(desk, "holds a calibrated sensor"))
         for tab in (desk, phone):
             tab.reload()

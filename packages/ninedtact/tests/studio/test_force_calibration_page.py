@@ -97,9 +97,9 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
         assert phone.locator("img").count() > 0 and phone.evaluate("document.documentElement.scrollWidth") == 390
         phone.get_by_role("button", name="Start", exact=True).click()
         wait(lambda: len(session.state.presses) == 2 and session.state.phase is ForceCalibrationPhase.PRESS)
-        wait(lambda: says(phone, "with 400 g in the middle of the skin") and says(desk, "error of a press left out"))
+        wait(lambda: says(phone, "with 400 g in the middle of the skin") and says(desk, "error of a left-out press"))
 
-        desk.get_by_label("loads by itself").uncheck()
+        desk.get_by_label("load automatically").uncheck()
         wait(lambda: not camera.plays_by_itself)
         withheld_g.clear()
         type_in(desk, "place of the ball, x (mm)", "6")
@@ -121,7 +121,7 @@ def test_a_simulated_gel_of_unknown_stiffness_is_calibrated_in_the_browser(
         wait(lambda: session.state.phase is ForceCalibrationPhase.PRESS)
         type_in(phone, "load (g)", "400")
         wait(lambda: session.state.load_g == 400.0)
-        phone.get_by_label("loads by itself").check()
+        phone.get_by_label("load automatically").check()
         wait(lambda: session.state.phase is ForceCalibrationPhase.COMPLETE and says(desk, "All loads are taken."))
         desk.get_by_role("button", name="Save the force scale").click()
         wait(lambda: all(says(tab, "1.200 times as stiff") and says(tab, "force.toml") for tab in (desk, phone)))

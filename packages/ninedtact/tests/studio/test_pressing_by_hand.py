@@ -358,7 +358,7 @@ def test_the_handle_of_one_viewer_moves_the_object_of_all_and_freezing_is_each_v
         assert (pose.x_mm, pose.y_mm, pose.twist_rad) == pytest.approx((1.5, -1.0, 0.1), abs=1e-3)
         (frozen,) = second.moment.sensors
         assert frozen.reading is kept.reading and frozen.wrenches is kept.wrenches
-        assert frozen.snapshot is kept.snapshot and frozen.status.sentence.startswith("frozen, what is shown is ")
+        assert frozen.snapshot is kept.snapshot and frozen.status.sentence.startswith("frozen: the moment shown is ")
         assert moment.status.tone == "live"
         second.choose(images=(ImageKind.GEL_FLOW, ImageKind.STICKING), source=ShownTraction.TRUE, pressure_arrows=True)
         twin.refresh()
@@ -467,7 +467,7 @@ def open_box() -> trimesh.Trimesh:
         ("part.exe", b"x", "ending in .stl or .obj"),
         ("empty.stl", b"", "of 0 MB"),
         ("broken.stl", b"solid x\nfacet normal", "got"),
-        ("open.stl", stl(open_box()), "edges of one triangle alone"),
+        ("open.stl", stl(open_box()), "edges that belong to one triangle only"),
         ("tiny.stl", stl(trimesh.creation.box((1e-4, 1e-4, 1e-4))), "in millimetres, larger than 1 mm"),
         (
             "wide.stl",

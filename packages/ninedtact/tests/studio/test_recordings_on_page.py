@@ -307,7 +307,7 @@ def test_a_full_disk_and_a_used_up_quota_end_a_recording_and_say_what_was_kept(t
         with Recording(state.path) as recording:
             assert f"{len(recording.positions(Topic.IMAGES))} of /small/image_raw" in state.trouble
         state = press_until_it_ends(10**15)
-        assert "of the free disk" in state.trouble and "a recording that goes on" in state.trouble
+        assert "of the free disk" in state.trouble and "a recording in progress" in state.trouble
         with pytest.raises(InputError, match="expected a recording and a name for the label"):
             bench.recorder.begin_label("late")
 
@@ -344,7 +344,7 @@ def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> No
         bench.quota.add_bytes(10**15)
         wait_until(lambda: not bench.recorder.state().is_running)
         state = bench.recorder.stop()
-    assert "a recording that goes on" in state.trouble and state.labels == 1 and state.label is None
+    assert "a recording in progress" in state.trouble and state.labels == 1 and state.label is None
     with Recording(path) as recording:
         (span,) = recording.spans()
     assert span.label == "to the end" and span.begin_ns <= bench.kept[-1].stamp_ns <= span.end_ns

@@ -310,7 +310,7 @@ def test_a_recording_of_a_finger_that_was_lost_is_played_to_the_end_of_the_other
     player = RecordingPlayer([RecordedSensor(address, shape, scale) for address in addresses])
     player.seek(1e9)
     left, other = player.moment(newest).sensors
-    assert left.status.tone == "lost" and "no image of this sensor here" in left.status.sentence
+    assert left.status.tone == "lost" and "this sensor has no image at this time" in left.status.sentence
     assert other.reading is not None and other.reading.image.min() == 41 and other.name == "right"
     player.seek(0.0)
     assert [one.status.tone for one in player.moment(newest).sensors] == ["held", "held"]

@@ -14,7 +14,7 @@ from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from socket import gethostname
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import msgspec
 from tyro.conf import arg
@@ -62,7 +62,6 @@ from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, SourceIte
 from ninedtact_train.dataset.sources.source import Source
 
 _PARTS_FOLDER = "parts"
-_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True)
@@ -104,10 +103,14 @@ def build_dataset(
     require_workers(workers)
     if isinstance(workers, DaskCluster):
         _require_absolute_paths(sources)
+    is_built = (out / CARD_FILE).is_file()
+    sensors = None if is_built else _collect_sensors(sources)  # refuses before anything is written
     begin_or_resume_dataset(out, _identify_build(sources, settings), [source.path for source in sources])
-    if not (out / CARD_FILE).is_file():
+    if sensors is not None:
         files = _make_parts(out / _PARTS_FOLDER, sources, settings, workers, progress)
-        _combine_parts(out, sources, files, settings)
+        _combine_parts(out, files, settings)
+        _save_sensors(out, sensors)
+        _write_card(out, sources, settings)
     shutil.rmtree(out / _PARTS_FOLDER, ignore_errors=True)
     statistics = compute_dataset_statistics(find_pair_files(out))
     return BuildResult(out, read_quality_report(out / REPORT_FILE), statistics)
@@ -222,9 +225,7 @@ def _make_part(folder: Path, source: Source, part: Any, number: int, settings: P
     return len(check.ids)
 
 
-def _combine_parts(
-    folder: Path, sources: Sequence[Source], files: Sequence[_PartFiles], settings: BuildSettings
-) -> None:
+def _combine_parts(folder: Path, files: Sequence[_PartFiles], settings: BuildSettings) -> None:
     checks = [file.read_check() for file in files]
     names = [file.pairs.name for file in files] if settings.drop else _name_pair_files(folder, checks)
     report = combine_file_checks(checks, names, settings.drop)
@@ -243,10 +244,6 @@ def _combine_parts(
         elif not target.is_file():
             file.pairs.replace(target)
     write_reference_images_file(folder / REFERENCES_FILE, _unique_references(files))
-    _save_sensors(folder, sources)
-    statistics = compute_dataset_statistics(find_pair_files(folder))
-    card = format_build_card(statistics, sources, settings.licence, report, version("ninedtact"))
-    write_file_atomically(folder / CARD_FILE, card.encode())
 
 
 def _name_pair_files(folder: Path, checks: Sequence[FileCheck]) -> list[str]:
@@ -261,38 +258,64 @@ def _without_places(report: QualityReport) -> QualityReport:
     return msgspec.structs.replace(report, findings=findings)
 
 
-def _save_sensors(folder: Path, sources: Sequence[Source]) -> None:
-    """Write the parameters of simulated sensors and the sensor folders that the sources carry.
+def _write_card(folder: Path, sources: Sequence[Source], settings: BuildSettings) -> None:
+    """Write the data set's card, the last file of a build."""
+    statistics, report = compute_dataset_statistics(find_pair_files(folder)), read_quality_report(folder / REPORT_FILE)
+    card = format_build_card(statistics, sources, settings.licence, report, version("ninedtact"))
+    write_file_atomically(folder / CARD_FILE, card.encode())
 
-    A name that several different simulated sensors or calibrations have is left out, because the images do not say which one is
-    theirs. Raises `FileNotWritten`, `FileFormatError`.
+
+@dataclass(frozen=True)
+class _SourceSensors:
+    simulated: list[dict[str, Any]]
+    """All parameters of each simulated sensor."""
+    folders: dict[str, dict[str, bytes]]
+    """The files of each sensor folder by the name of the sensor."""
+
+
+def _collect_sensors(sources: Sequence[Source]) -> _SourceSensors:
+    """Return the simulated sensors and the sensor folders that the sources carry; raises `InputError`, `FileFormatError`.
+
+    Several simulated sensors or calibrations of one name are refused, because the images do not say which one is theirs. Only the
+    calibrations of a simulated sensor may differ; they are left out, because it is calibrated again where it is needed.
     """
-    tables = [table for source in sources for table in source.simulated_sensors()]
-    simulated, ambiguous = _find_unambiguous((table["name"], table, table) for table in tables)
-    if simulated:
-        write_file_atomically(folder / SENSORS_FILE, to_json_bytes(list(simulated.values())))
-    carried = [entry for source in sources for entry in source.sensor_folders()]
-    folders, _ = _find_unambiguous((name, files.get(SENSOR_FILE), files) for name, files in carried)
+    simulated: dict[str, dict[str, Any]] = {}
+    for table, path in ((table, source.path) for source in sources for table in source.simulated_sensors()):
+        if simulated.setdefault(table["name"], table) != table:
+            raise InputError(
+                expected="one simulated sensor of each name",
+                got=f"another {table['name']!r} in {path}",
+                remedy="simulate that data set with another --seed, or build a data set of each",
+            )
+    first: dict[str, tuple[dict[str, bytes], Path]] = {}
+    differing = set()
+    for name, files, path in (entry for source in sources for entry in source.sensor_folders()):
+        known, known_path = first.setdefault(name, (files, path))
+        if known.get(SENSOR_FILE) == files.get(SENSOR_FILE):
+            continue
+        if name not in simulated:
+            raise InputError(
+                expected=f"one calibration of sensor {name!r}",
+                got=f"different ones in {known_path} and {path}",
+                remedy="give one with --sensor for all, or build a data set with each",
+            )
+        differing.add(name)
+    folders = {name: files for name, (files, _) in first.items() if name not in differing}
+    return _SourceSensors(list(simulated.values()), folders)
+
+
+def _save_sensors(folder: Path, sensors: _SourceSensors) -> None:
+    """Write the parameters of simulated sensors and the sensor folders into a data set; raises `FileNotWritten`."""
+    if sensors.simulated:
+        write_file_atomically(folder / SENSORS_FILE, to_json_bytes(sensors.simulated))
     entries = [
         (f"{name}/{path}", content)
-        for name, files in folders.items()
-        if name not in ambiguous and Path(name).name == name and not (folder / SENSOR_FOLDERS / name).exists()
+        for name, files in sensors.folders.items()
+        if Path(name).name == name and not (folder / SENSOR_FOLDERS / name).exists()
         for path, content in files.items()
     ]
     if entries:
         write_files_atomically(folder / SENSOR_FOLDERS, entries)
-
-
-def _find_unambiguous(entries: Iterable[tuple[str, Any, _Value]]) -> tuple[dict[str, _Value], set[str]]:
-    """Return the first value of each name that always comes with the same key, and the other names."""
-    keys: dict[str, Any] = {}
-    values: dict[str, _Value] = {}
-    ambiguous = set()
-    for name, key, value in entries:
-        if keys.setdefault(name, key) != key:
-            ambiguous.add(name)
-        values.setdefault(name, value)
-    return {name: value for name, value in values.items() if name not in ambiguous}, ambiguous
 
 
 def _rows_with_faults(report: QualityReport) -> defaultdict[str, set[int]]:

@@ -132,7 +132,7 @@ def require_sensor_calibrations(data: Path, given: Path | None, otherwise: str =
     if data.is_dir() and given is None and not find_dataset_sensor_folders(data) and not load_simulated_sensors(data):
         raise CalibrationError(
             expected=f"the calibrations of the sensors of {data}",
-            got="none, or several of one sensor",
+            got="none",
             remedy=f"give --sensors, a folder that holds a sensor folder of each name{otherwise}",
         )
 

@@ -14,7 +14,7 @@ from ninedtact.design import Gel, SensorDesign
 from ninedtact.force.network_input import NetworkInputSettings, scale_input_settings_to_width, sensor_features_of
 from ninedtact_train.dataset.height_cache import load_height_pairs
 from ninedtact_train.dataset.reader import load_dataset, read_pair_columns
-from ninedtact_train.dataset.split import HeldOutSettings
+from ninedtact_train.dataset.split import HeldOutSettings, SplitRows, read_split
 from ninedtact_train.training.examples import TrainingExamples
 from ninedtact_train.training.settings import ComputeSettings, TrainingSettings
 from ninedtact_train.training.train import TrainingResult, train_network
@@ -43,14 +43,33 @@ def train_on_dataset(
     """Train a force model on a data set and write it to `out`; None in all processes of a training but the first.
 
     sensors: a folder with a sensor folder for each sensor of the data, by name; where None, simulated sensors are calibrated.
-    workers: number of processes that read images. notify: receives a sentence about each calibration to be distrusted, and
-    about each sensor whose pairs are left out.
+    workers: number of processes that read images. notify: receives a sentence about each calibration to be distrusted, about
+    each sensor whose pairs are left out, and about the number of pairs that are used and left out.
     Raises what `load_dataset_sensors`, the data set, the split and `train_network` raise.
     """
     examples, ids = read_training_examples(data, settings.input, sensors, workers, progress, notify)
-    all_ids = ids if held_out.split is None else read_pair_columns(data)["id"].to_pylist()
+    all_ids = read_pair_columns(data)["id"].to_pylist()
     rows = held_out.rows(ids, examples.objects, examples.sensors, all_ids)
+    notify(_describe_use_of_pairs(rows, ids, len(all_ids), held_out))
     return train_network(examples, rows, settings, out, name=name, licence=licence, machine=machine, progress=progress)
+
+
+def _describe_use_of_pairs(rows: SplitRows, ids: Sequence[str], total: int, held_out: HeldOutSettings) -> str:
+    """Return how many pairs are trained on, held out and left out, and why, as a sentence.
+
+    ids: of the examples that could be read. total: number of pairs of the data set.
+    """
+    of_file = len(ids) if held_out.split is None else len(set(read_split(held_out.split).train) & set(ids))
+    reasons = {
+        "of sensors that could not be calibrated": total - len(ids),
+        "that the split file does not train on": len(ids) - of_file,
+        "whose sensor or object is held out, but not both": of_file - len(rows.train) - len(rows.test),
+    }
+    left_out = ", ".join(f"{count} {why}" for why, count in reasons.items() if count)
+    use = (
+        f"of {total} pairs, {len(rows.train)} are trained on and {len(rows.test)} are held out to choose the best epoch"
+    )
+    return f"{use}; left out are {left_out}" if left_out else use
 
 
 def read_training_examples(

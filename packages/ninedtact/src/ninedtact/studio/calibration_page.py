@@ -93,7 +93,7 @@ class CalibrationPage:
         self._second_ball = gui.add_checkbox(
             "press a second ball too",
             session.second_ball,
-            hint=f"of radius {session.design.ball.second_radius_mm:g} mm; it tells the base of the gel, and so the true depth",
+            hint=f"of radius {session.design.ball.second_radius_mm:g} mm; it shows how far the base yields, and so the true depth",
         )
         add = partial(add_action_button, gui)
         self._start = add(
@@ -111,7 +111,7 @@ class CalibrationPage:
 
     def _build_presses(self, simulated: SimulatedCalibrationCamera) -> None:
         gui = self._server.viser.gui
-        self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "presses by itself")
+        self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "press automatically")
         with self._presses.folder:
             hold = gui.add_button_group("hold", ("board", "ball", "second ball", "nothing"))
             self._depth = gui.add_slider("depth (mm)", 0.0, 2.5, 0.05, 0.0)

@@ -98,7 +98,7 @@ class ForceCalibrationPage:
 
     def _build_simulated_load(self, simulated: SimulatedCalibrationCamera) -> None:
         gui = self._server.viser.gui
-        self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "loads by itself")
+        self._loads = SimulatedSensorControls(gui, simulated, "Load the simulated sensor", "load automatically")
         with self._loads.folder:
             self._weight = gui.add_slider("load on the ball (g)", 0.0, _MOST_SIMULATED_G, 5.0, 0.0)
             self._place = gui.add_slider("place of the ball, x (mm)", -8.0, 8.0, 0.5, 0.0)
@@ -143,7 +143,7 @@ class ForceCalibrationPage:
             sentence, tone = "The force of this sensor is calibrated.", "live"
             detail = f"Saved in {state.saved}."
         elif state.scale.fit is None:
-            sentence, tone = "These loads determine no force scale.", "lost"
+            sentence, tone = "No force scale follows from these loads.", "lost"
         else:
             sentence, tone = "All loads are taken.", "live"
             detail = "Save the force scale if its error is small enough for you."
@@ -212,10 +212,10 @@ def _press_cells(number: int, press: TakenPress, scale: LoadScaleSoFar) -> tuple
 
 
 def _fit_rows(fit: KnownLoadFit) -> dict[str, str]:
-    base = {"gel over base": f"{fit.ratio:.3f} ± {fit.ratio_std:.3f}"} if fit.ratio_std > 0 else {}
+    base = {"modulus of gel over base": f"{fit.ratio:.3f} ± {fit.ratio_std:.3f}"} if fit.ratio_std > 0 else {}
     return {
-        "true over assumed modulus": f"{fit.factor:.3f} ± {fit.factor * fit.modulus_std:.3f}",
+        "modulus, found over assumed": f"{fit.factor:.3f} ± {fit.factor * fit.modulus_std:.3f}",
         **base,
-        "error of a press left out": "" if fit.left_out is None else f"{fit.left_out:.1%}",
-        "before": f"{fit.unadapted:.1%}",
+        "error of a left-out press": "" if fit.left_out is None else f"{fit.left_out:.1%}",
+        "error before": f"{fit.unadapted:.1%}",
     }

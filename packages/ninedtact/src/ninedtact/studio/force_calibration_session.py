@@ -205,7 +205,7 @@ class ForceCalibrationSession(GuidedSession[ForceCalibrationState]):
             if scale.fit is None:
                 raise ForceScaleImpossible(
                     scale.refusal
-                    or f"expected at least {FEWEST_WEIGHED} presses of known weight, got fewer; press with more"
+                    or f"expected at least {FEWEST_WEIGHED} presses with known loads, got fewer; take another press"
                 )
             presses = self._state.presses
             known = [press.numbered(number) for number, press in enumerate(presses, 1)]

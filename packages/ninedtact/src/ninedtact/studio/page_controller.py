@@ -72,7 +72,7 @@ def most_urgent_status(moment: SensorSnapshot, shown: Reading | None, frozen: bo
     if reading is None:
         return WAITING_STATUS
     if frozen:
-        return SensorStatusMessage("held", f"frozen, what is shown is {_format_duration(age_ms)} old")
+        return SensorStatusMessage("held", f"frozen: the moment shown is {_format_duration(age_ms)} old")
     warning = _warning_sentence(reading)
     return SensorStatusMessage("warned" if warning else "live", warning or f"live, {age_ms:.0f} ms old")
 
@@ -119,7 +119,7 @@ class SensorMoment:
         if self.view is None:
             return now
         if now.snapshot.phase is SensorPhase.RECORDED:
-            status = SensorStatusMessage("held", "frozen, a moment of a recording is shown")
+            status = SensorStatusMessage("held", "frozen: a moment of a recording is shown")
         else:
             status = most_urgent_status(now.snapshot, self.reading, True, now_ns)
         return replace(self, status=status, view=self.view.with_past(status.is_past))

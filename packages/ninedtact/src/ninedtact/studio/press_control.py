@@ -193,8 +193,8 @@ def read_uploaded_mesh(name: str, content: bytes, placement: MeshPlacement = Mes
         )
     if not mesh.closed:
         raise FileFormatError(
-            expected=f"{path.name} to bound a solid (every edge between two triangles or more)",
-            got="edges of one triangle alone",
+            expected=f"a closed solid in {path.name}",
+            got="edges that belong to one triangle only",
             remedy="repair the mesh",
         )
     return mesh

@@ -192,7 +192,7 @@ class RecordedSensor:
         if self.trouble:
             status = SensorStatusMessage("lost", self.trouble)
         elif abs(at_ns - heard_ns) > SILENT_AFTER_MS * 1e6:
-            status = SensorStatusMessage("lost", f"recorded, {at_s:.2f} s; no image of this sensor here")
+            status = SensorStatusMessage("lost", f"recorded, {at_s:.2f} s; this sensor has no image at this time")
         else:
             warnings = () if reading is None else (*reading.reference_warnings, *reading.image_warnings)
             status = SensorStatusMessage("warned" if warnings else "held", "; ".join((state, *warnings)))

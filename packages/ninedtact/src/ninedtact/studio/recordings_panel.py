@@ -112,7 +112,7 @@ class RecordingsPanel:
                 on_user_change(self._choice, self._choose)
                 self._close_button.on_click(lambda event: self._close())
             self._play_folder, self._slider = folder, gui.add_slider("time (s)", 0.0, 1.0, 0.001, 0.0, visible=False)
-            self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play: or pause")
+            self._steps = gui.add_button_group("image", tuple(STEPS), visible=False, hint="play also pauses")
             self._speed = gui.add_dropdown("speed", tuple(_SPEED_OF_NAME), initial_value="1 ×", visible=False)
             on_user_change(self._steps, lambda event: self._step(STEPS[event.target.value]))
             on_user_change(self._speed, self._set_speed)
@@ -167,7 +167,7 @@ class RecordingsPanel:
         with gui.add_folder("record"):
             self._record = gui.add_button("Record", icon=Icon.PLAYER_RECORD, color="red", hint=f"into {recorder.out}")
             self._recorded = gui.add_html("")
-            self._live_label = gui.add_text("label", "", hint="the name of what is being pressed, for example")
+            self._live_label = gui.add_text("label", "", hint="for example the name of the object")
             self._live_begin = gui.add_button("Begin label", icon=Icon.TAG)
             self._record.on_click(lambda event: self._toggle_record(recorder))
             self._live_begin.on_click(lambda event: self._toggle_label(recorder))

@@ -85,7 +85,7 @@ class SaveQuota:
 
         def count_growth(more_bytes: int) -> None:
             self.add_bytes(more_bytes)
-            self.require_space(0, out, "a recording that goes on")
+            self.require_space(0, out, "a recording in progress")
 
         refuse = partial(self.count_save, 0, out, "a recording")
         return ReadingRecorder(

@@ -1,4 +1,4 @@
-"""The panels about the sensor itself: its state with the measured values, the wrenches, and rates and costs behind a fold."""
+"""The panels about the sensor itself: its state with the measured values, the wrenches, and its rates and times."""
 
 from typing import Any
 
@@ -95,7 +95,7 @@ class StatusPanel:
 
 
 class ReferenceAndRatesPanel:
-    """The button that takes the reference, the curve of the indentation in the last seconds, and rates and costs behind a fold."""
+    """The button that takes the reference, the curve of the indentation in the last seconds, and rates and times."""
 
     title, icon = "Sensor", Icon.SETTINGS
     side: Side = "right"
@@ -118,14 +118,14 @@ class ReferenceAndRatesPanel:
             title=f"maximum indentation (mm), last {HISTORY_S:g} s",
             height=130,
         )
-        with gui.add_folder("rates and costs", expand_by_default=False):
+        with gui.add_folder("rates and computing times", expand_by_default=False):
             self._costs = gui.add_html("")
         gui.add_html(card_html("line", text=KEYS, margin="0.3em", size="0.8em"))
         self._reference.on_click(self._take_reference)
         gui.add_command("Take reference", hotkey="R").on_trigger(self._take_reference)
 
     def update(self, moment: PageMoment) -> None:
-        """Show rates and costs, and from time to time the curve."""
+        """Show rates and computing times, and from time to time the curve."""
         rates = {
             f"{one.name} {name}".strip(): rate for one in moment.sensors for name, rate in _format_rates(one).items()
         }

@@ -88,7 +88,7 @@ class TwinPressPanel:
         self._mode = gui.add_dropdown("press", (_SEQUENCE, _BY_DEPTH, _BY_LOAD), initial_value=_mode_of(state))
         self._kind = gui.add_dropdown("kind", (*OBJECTS_BY_KIND, OWN_KIND), initial_value=state.kind)
         self._family = gui.add_dropdown("object", self._names_of_kind(state.kind), initial_value=state.family)
-        self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="which one of its family")
+        self._number = gui.add_slider("number", 1, MAX_NUMBER, 1, state.number, hint="number within the family")
         self._sliders = {
             name: gui.add_slider(label, low, high, step, getattr(state, name))
             for (name, (low, high)), (label, step) in zip(limits.items(), _SLIDERS.items(), strict=True)

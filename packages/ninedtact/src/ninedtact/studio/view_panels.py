@@ -108,7 +108,7 @@ class ScenePanel:
             "pressure and shear",
             [str(each) for each in ShownTraction],
             initial_value=str(options.source),
-            hint="of the estimate, or on a twin of the simulation",
+            hint="those of the estimate; on a twin those of the simulation",
         )
         pressure = gui.add_checkbox("pressure as arrows", options.pressure_arrows)
         shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
@@ -183,7 +183,7 @@ class ProfilePanel:
         self._start = gui.add_vector2("A: x, y (mm)", start, min=least, max=most, step=0.1)
         self._end = gui.add_vector2("B: x, y (mm)", end, min=least, max=most, step=0.1)
         picks = gui.add_checkbox("pick on the skin", False, hint="a click or tap on the skin sets A, then B")
-        gui.add_html(card_html("line", text="Shift and click does so without this.", size="0.8em"))
+        gui.add_html(card_html("line", text="Shift and click does the same at any time.", size="0.8em"))
         self._text = gui.add_html("")
         self._plot = gui.add_uplot(
             (np.zeros(PROFILE_POINTS),) * 3,

@@ -57,14 +57,15 @@ class RecordingsSource(Source):
         """Return the files of all recordings."""
         return find_files_with_suffix(self.path, RECORDING_SUFFIX)
 
-    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
+    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes], Path]]:
         """Yield the sensor of each recording with its attached folder, or with the one that was given in its place."""
         from ninedtact.recording.reader import Recording, read_folder_files
 
         given = self.conventions.sensor
         for file in self.files():
             with suppress(NinedtactError), Recording(file) as recording:  # one that cannot be read is in the report
-                yield recording.sensor, recording.sensor_files() if given is None else read_folder_files(given)
+                files = recording.sensor_files() if given is None else read_folder_files(given)
+                yield recording.sensor, files, file
 
     def items(self, part: Path) -> Iterator[SourceItem]:
         """Yield the saved pairs and, before each stretch of them, their reference image; last, what is wrong with the file."""
@@ -201,12 +202,12 @@ class ExistingDatasetSource(Source):
         """Return a name that identifies one shape: a name and a seed of generated objects are one."""
         return name if name == NO_OBJECT or not self._objects_seed else f"{name}@{self._objects_seed}"
 
-    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
+    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes], Path]]:
         """Yield each sensor that was calibrated with the files of its folder."""
         from ninedtact.recording.reader import read_folder_files
 
         for folder in find_sensor_folders(self.path / SENSOR_FOLDERS):
-            yield folder.name, read_folder_files(folder)
+            yield folder.name, read_folder_files(folder), folder
 
     def simulated_sensors(self) -> list[dict[str, Any]]:
         """Return all parameters of its simulated sensors; raises `FileFormatError`."""

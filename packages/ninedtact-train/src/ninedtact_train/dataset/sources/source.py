@@ -117,8 +117,8 @@ class Source(ABC):
         """Return the parts in order, by default the files."""
         return self.files()
 
-    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes]]]:
-        """Yield the name of each sensor whose calibration the source carries, and the files of its folder by their paths."""
+    def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes], Path]]:
+        """Yield the name of each sensor whose calibration the source carries, the files of its folder, and where they are."""
         return iter(())
 
     def simulated_sensors(self) -> list[dict[str, Any]]:
