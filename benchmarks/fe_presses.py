@@ -4,6 +4,8 @@ The presses (`--presses`, by default fe/presses.npz beside the real images) were
 neo-Hookean bricks at finite strain, Coulomb friction, a gel of 1.973 mm bonded below. For each press the twin's linear mechanics
 and its finite-strain correction press the same object to the same pose, and force by physics reads the image that the surface of
 the finite elements makes on the twin of the real sensor L. These presses report; nothing is fitted to them.
+
+Presses of two layers (`--two-layers`) tell whether the depth of a ball follows from the thickness of a gel on a base that yields.
 """
 
 import json
@@ -21,6 +23,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
 from ninedtact.design import Gel
 from ninedtact.force.estimator_loading import build_estimator
+from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
@@ -43,6 +46,7 @@ DEEPEST = "ball4_mid_4"
 BALL_IMAGE = 77
 """Number of its image, which seeds the noise."""
 REFERENCES, STEP_MM = 10, 0.25
+TWO_LAYERS, VIEW_PITCH_MM = Gel(2.5, gel_to_base_modulus_ratio=0.1), 0.2
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,7 @@ class FePress:
 
 def fe_presses(
     presses: Path = REAL.parent / "fe/presses.npz",
+    two_layers: Path = REAL.parent / "fe/two_layers.npz",
     out: Path = Path("out/force_on_real_fits"),
     ball_of_elements: bool = False,
     quick: bool = False,
@@ -106,6 +111,23 @@ def fe_presses(
         deviations.append(abs(read.wrench.six[2] - press.wrench[2]) / read.std[2])
     within = [sum(deviation < limit for deviation in deviations) for limit in (1, 2)]
     print(f"F_z of {within[0]} and {within[1]} of {len(deviations)} presses is within one and two standard deviations")
+    print_depths_from_thickness(two_layers)
+
+
+def print_depths_from_thickness(path: Path) -> None:
+    """Print the depth of a ball on two layers of finite elements, and that which their thickness gives (`BaseDeflection`)."""
+    x_mm, y_mm = np.meshgrid(np.arange(-12, 12, VIEW_PITCH_MM), np.arange(-9, 9, VIEW_PITCH_MM))
+    deflection = BaseDeflection(TWO_LAYERS)
+    with np.load(path) as stored:
+        for name in sorted({key.split("/")[0] for key in stored.files}):
+            height_mm, interface_mm = (
+                griddata(points[:, :2], points[:, 2], (x_mm, y_mm), fill_value=0.0)
+                for points in (stored[f"{name}/{part}"].reshape(-1, 3) for part in ("surface", "interface"))
+            )
+            thicker_mm = (height_mm - interface_mm).astype(np.float32)
+            thicker_mm -= np.median(thicker_mm[:2])  # at the border, where nothing moves
+            read_mm = thicker_mm + deflection(thicker_mm, VIEW_PITCH_MM)
+            print(f"{name}: {-height_mm.min():.3f} mm deep, {-read_mm.min():.3f} mm by its thickness")
 
 
 def calibrate_on_elements(member: SampledSensor, press: FePress, folder: Path) -> None:
