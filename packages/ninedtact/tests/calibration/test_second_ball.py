@@ -192,7 +192,3 @@ def test_a_person_is_guided_through_the_second_ball_too() -> None:
 def test_a_base_that_no_sensor_has_is_refused(ratio: float, said: str) -> None:
     with pytest.raises(DesignImpossible, match=said):
         SensorDesign(gel=Gel(gel_to_base_modulus_ratio=ratio))
-
-
-def test_the_balls_of_a_design() -> None:
-    assert SensorDesign(ball=BallGauge(5.0, 3.0)).ball.second.radius_mm == 3.0

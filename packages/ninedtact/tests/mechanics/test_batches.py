@@ -12,7 +12,6 @@ from gels import BALL, DOUBLE, GEL, model
 from ninedtact.mechanics import numpy_or_torch_arrays
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
-from ninedtact.mechanics.indenter import Cone, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
@@ -68,23 +67,6 @@ def test_single_precision_is_as_good_as_its_tolerance(reference):
             np.testing.assert_allclose(one.wrench().force_n, other.wrench().force_n, atol=0.02)
 
 
-def test_each_of_a_batch_says_how_well_it_was_solved():
-    batch = model(settings=SolverSettings(tolerance=1e-4)).step(model().initial_contact(), BALL, Pose.stack(BEGUN))
-    assert batch.residual_mm.shape == batch.iterations.shape == (4,)
-    assert batch.iterations[2] == 0
-    assert batch.iterations[[0, 1, 3]].min() > 3
-    assert batch.touches
-    assert [one.touches for one in batch.unstack()] == [True, True, False, True]
-
-
-def test_a_batch_shares_what_its_poses_share():
-    few = model(settings=SolverSettings(tolerance=1e-5))
-    swept = few.step(few.initial_contact(), BALL, Pose(x_mm=2.0, depth_mm=np.array([0.2, 0.5, 0.9])))
-    loads = [-one.wrench().force_n[2] for one in swept.unstack()]
-    again = few.step_to_load(few.initial_contact(), BALL, Pose(x_mm=2.0, depth_mm=0.5), np.array(loads))
-    np.testing.assert_allclose(again.pose.depth_mm, [0.2, 0.5, 0.9], atol=1e-4)
-
-
 def test_who_lifts_off_in_a_batch_leaves_the_skin_untouched():
     pressing = model(grid=GRID, settings=SolverSettings(tolerance=1e-4))
     down = pressing.step(pressing.initial_contact(), BALL, Pose(depth_mm=np.array([0.6, 0.8])))
@@ -122,11 +104,3 @@ def test_windows_of_their_own_in_one_batch_answer_as_each_alone() -> None:
         np.testing.assert_allclose(slid[k][cut], part.tangential_from_shear_mm(tractions[k][cut]), atol=1e-12)
         np.testing.assert_allclose(sunk[k][cut], part.indentation_from_pressure_mm(tractions[k, 0][cut]), atol=1e-12)
         assert not slid[k][:, inside[k] == 0].any()
-
-
-def test_tilted_undersides_do_not_depend_on_how_far_others_are_tilted() -> None:
-    x, y = GRID.positions_mm
-    poses = [Pose(twist_rad=0.3, tilt_x_rad=0.02), Pose(depth_mm=0.4, tilt_y_rad=-0.5), Pose(1.0, tilt_x_rad=0.2)]
-    for indenter in (Cone(), LyingCylinder()):
-        together = indenter.height_over_skin_mm(Pose.stack(poses), x, y)
-        np.testing.assert_array_equal(together, [indenter.height_over_skin_mm(pose, x, y) for pose in poses])

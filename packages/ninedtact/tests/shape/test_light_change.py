@@ -38,14 +38,6 @@ def largest_error(corrected: Rectified) -> float:
     return float(np.abs(cv2.GaussianBlur(corrected.grey / PRESSED - 1, (0, 0), 10)).max())
 
 
-@given(st.integers(0, 99), st.sampled_from([UNTOUCHED, PRESSED]))
-@settings(max_examples=10, deadline=None)
-def test_unchanged_light_leaves_the_image_as_it_is(seed: int, grey: np.ndarray) -> None:
-    image = noisy(grey, seed)
-    corrected, change = CORRECT(image, REFERENCE)
-    assert corrected is image and not change.warnings and not change.sentences
-
-
 @given(st.floats(0.82, 1.2))
 @settings(max_examples=20, deadline=None)
 def test_a_gain_is_taken_out_and_named_from_one_per_cent(gain: float) -> None:
@@ -84,17 +76,6 @@ def test_a_sharp_spot_is_dirt_and_what_is_beneath_it_stays(
     beneath = (grey / UNTOUCHED)[np.hypot(ALONG - y, ACROSS - x) < radius_px + 8]
     hidden = float(beneath.max() - beneath.min())  # nothing tells what is only seen through the spot
     assert np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 4)).max() < max(0.02, hidden)
-
-
-def test_presses_of_real_sensors_are_neither_dirt_nor_bands(sensor_a: SensorFolder, real_data: object) -> None:
-    """A ball is read as before, and a board, under which no skin is flat, is not corrected."""
-    folder = real_data / "sensor_a"  # type: ignore[operator]
-    for press in ("ball", "board"):
-        reader = sensor_a.shape.depth_reader(Frame(read_image(folder / f"{press}_reference.png")))
-        frame = Frame(read_image(folder / f"{press}.png"))
-        read = read_frame(frame, sensor_a.shape, reader)
-        np.testing.assert_array_equal(read.rectified.grey, sensor_a.shape.rectify(frame).grey)
-        assert not read.light.warnings
 
 
 @pytest.mark.parametrize("gain", [0.95, 1.02, 1.05])

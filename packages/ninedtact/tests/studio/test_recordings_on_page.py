@@ -18,10 +18,9 @@ from subprocess import PIPE
 from threading import Event, Thread
 from urllib.request import urlopen
 
-import cv2
 import numpy as np
 import pytest
-from page_client import PageClient, ServedPage, page_client, served_page, served_small_page
+from page_client import PageClient, ServedPage, served_page, served_small_page
 from playwright.sync_api import Browser
 from reading_clients import page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
@@ -52,13 +51,11 @@ from ninedtact.studio.page_controller import (
 )
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import (
-    RecordedReadings,
     RecordedSensor,
     RecordingPlayer,
-    empty_wrench_histories,
 )
 from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.saved_files import SaveQuota
 from ninedtact.studio.viewer import ViewerPage
 
 PATIENCE_S = 90.0
@@ -334,22 +331,6 @@ def test_a_recording_whose_file_is_gone_is_not_said_to_be_recorded(harm: str, is
     assert "was cut; record again" in state.trouble or "removed or cut; record again" in state.trouble
 
 
-def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> None:
-    bench = Bench(tmp_path / "small", tmp_path / "out")
-    with bench.sensor:
-        path = bench.recorder.start()
-        bench.press([80])
-        bench.recorder.begin_label("to the end")
-        bench.press([60])
-        bench.quota.add_bytes(10**15)
-        wait_until(lambda: not bench.recorder.state().is_running)
-        state = bench.recorder.stop()
-    assert "a recording that goes on" in state.trouble and state.labels == 1 and state.label is None
-    with Recording(path) as recording:
-        (span,) = recording.spans()
-    assert span.label == "to the end" and span.begin_ns <= bench.kept[-1].stamp_ns <= span.end_ns
-
-
 def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -> None:
     path, bench = recorded
     with recordings_page(bench, path.parent) as served, served.viewer() as (client, _), served.viewer() as (other, _):
@@ -389,27 +370,6 @@ class UntilAlone:
         self._built.append(self._viewer)
 
     def update(self, moment: PageMoment) -> None: ...
-
-
-def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(recorded: tuple[Path, Bench]) -> None:
-    path, bench = recorded
-    built, has_left = list[ViewerPage](), Event()
-    panels = [
-        partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder, opens=path)),
-        partial(UntilAlone, built=built, has_left=has_left),
-    ]
-    with served_small_page(path.parent, panels) as served:
-        clients = served.server.viser.get_clients
-        with page_client(served.server):
-            wait_until(lambda: len(clients()) == 1)
-        wait_until(lambda: not clients())
-        has_left.set()
-        wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
-        assert not served.page.viewers
-        wait_until(lambda: not is_open(path))
-        built[0].play(player_of(path, bench))  # by a callback that ends after the viewer has left
-        wait_until(lambda: not is_open(path))
-        assert not built[0].plays_recording
 
 
 def is_open(path: Path) -> bool:
@@ -491,28 +451,6 @@ def test_files_that_cannot_be_played_are_refused_in_one_sentence(
         assert said in captured.err and captured.err.count("\n") == 1 and captured.out == "", file
 
 
-def test_two_images_with_one_stamp_are_both_shown_each_with_its_own_heights(
-    recorded: tuple[Path, Bench], tmp_path: Path
-) -> None:
-    _, bench = recorded
-    first, second, third = bench.kept[0], bench.kept[3], bench.kept[5]
-    path, topics = tmp_path / "twice.mcap", (Topic.IMAGES, Topic.HEIGHTS)
-    attached = sensor_folder_attachments(bench.folder.path)
-    with RecordingWriter(path, RecordingMetadata("small", height_step_mm=0.001), topics, attached) as writer:
-        for number, (reading, stamp_ns) in enumerate(((first, 1), (second, 10**9), (third, 10**9))):
-            writer.write_image(Frame(reading.image, stamp_ns, number))
-            writer.write_height(replace(reading.height, stamp_ns=stamp_ns), number)
-    player = player_of(path, bench)
-    shown = []
-    for _ in range(3):
-        reading = moment_of(player).reading
-        assert reading is not None
-        shown.append((reading.image.min(), round(reading.max_indentation_mm, 2)))
-        player.step(1)
-    player.close()
-    assert shown == [(kept.image.min(), round(kept.max_indentation_mm, 2)) for kept in (first, second, third)]
-
-
 def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded: tuple[Path, Bench]) -> None:
     path, bench = recorded
     player = player_of(path, bench)
@@ -524,50 +462,6 @@ def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded:
     moment = moment_of(player)
     assert moment.view is whole and moment.status.tone == "lost" and "damaged data at byte 7" in moment.status.sentence
     player.close()
-
-
-def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
-    path, bench = recorded
-    scale, shape = full_range_colour_scale(bench.folder.shape), bench.folder.shape
-    with RecordedReadings(path, shape) as readings:
-        save_surface_sequence(map(readings.reading, range(2, 5)), tmp_path / "ply", bench.quota)
-        assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
-        save_video(map(readings.reading, range(len(readings))), scale, 69.6971, tmp_path / "all.mp4", bench.quota)
-        video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
-        assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
-        for write in (
-            lambda quota: save_surface_sequence(
-                map(readings.reading, range(len(readings))), tmp_path / "too" / "many", quota
-            ),
-            lambda quota: save_video(
-                map(readings.reading, range(len(readings))), scale, 10.0, tmp_path / "too" / "long.mp4", quota
-            ),
-        ):
-            with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
-                write(SaveQuota(disk_share=0.0))
-    assert not list((tmp_path / "too").iterdir())
-    with (
-        bench.quota.one_export(),
-        pytest.raises(NinedtactError, match="one export at a time"),
-        bench.quota.one_export(),
-    ):
-        pass
-
-
-def test_recordings_of_the_command_line_are_played_too(tmp_path: Path) -> None:
-    folder = load_sensor(sensor_folder(tmp_path / "small"))
-    path, camera = tmp_path / "plain.mcap", SkinCamera()
-    with RecordingWriter(
-        path, RecordingMetadata("small"), (Topic.IMAGES,), sensor_folder_attachments(folder.path)
-    ) as out:
-        camera.open()
-        for number in range(14):
-            camera.level = 100 if number < 11 else 75
-            out.write_image(camera.read())
-    assert empty_wrench_histories(path, folder.shape) == []
-    with RecordedReadings(path, folder.shape) as readings:
-        depths = [reading.max_indentation_mm for reading in map(readings.reading, range(len(readings)))]
-    np.testing.assert_allclose(depths, [0.0] * 11 + [1.0] * 3, atol=0.02)
 
 
 def test_play_serves_a_recording_until_ctrl_c(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
