@@ -21,6 +21,7 @@ from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.coloured_height_map import colourise_heights
 
 pytestmark = pytest.mark.interop
+pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
 from rerun.chunk import RrdReader  # noqa: E402
 
 from ninedtact.interop.rerun import COMPONENTS, export_rerun  # noqa: E402
