@@ -37,8 +37,6 @@ from ninedtact_hardware.part_dimensions import (
     ShellDimensions,
     WindowDimensions,
 )
-from ninedtact_hardware.part_geometry import find_round_features
-from ninedtact_hardware.part_solids import build_sensor_base
 
 
 def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:
@@ -117,17 +115,6 @@ def test_a_mould_keeps_all_its_holes(pairs_mm: tuple[float, float]) -> None:
 
 
 BORES, HEADS = "the shell outside its bores", "between counterbore, side of the base"
-
-
-@pytest.mark.parametrize(("more_mm", "whole"), [(-0.01, 4), (0.01, 0)])
-def test_a_counterbore_meets_the_side_where_the_distance_says(more_mm: float, whole: int) -> None:
-    """At a rounded corner, too."""
-    design = replace(HardwareDesign(), base=BaseDimensions(corner_radius_mm=4.0))
-    plan = design.horizontal_dimensions
-    wide = 2 * (distance_to_edge_mm(max(plan.shell_screws), plan.outer, 4.0) + more_mm)
-    base = build_sensor_base(replace(design, base=replace(design.base, counterbore_mm=wide)))
-    found = {round(2 * each.radius_mm, 3): len(each.positions) for each in find_round_features(base)}
-    assert found.get(round(wide, 3), 0) == whole
 
 
 @pytest.mark.parametrize(

@@ -17,14 +17,13 @@ from twin_folder import twin_folder
 
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
 from ninedtact.capture.frame_source import FrameSource
-from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
+from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact_train.cli.collect import collect_progress_line, open_key_reader
+from ninedtact_train.cli.collect import open_key_reader
 from ninedtact_train.collecting.collected_pairs import read_recorded_pairs
 from ninedtact_train.collecting.collection_sources import merge_live_streams
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
@@ -118,24 +117,6 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
         assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.3)
     figures = told(capsys, "info", out)
     assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
-
-
-def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> None:
-    with (
-        RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode,
-        Camera(2.0) as camera,
-    ):
-        collector = Collector(episode)
-        for frame in camera:
-            collector.add(Arrival(frame, frame.stamp_ns))
-        assert "no samples from the force/torque sensor yet" in collect_progress_line(collector)
-        collector.add(
-            Arrival(WrenchSaturated("expected F_z of netft:x within ± 9.8 N, got 11; press less"), frame.stamp_ns)
-        )
-    assert collect_progress_line(collector).endswith(
-        "taring: expected F_z of netft:x within ± 9.8 N, got 11; press less"
-    )
-    assert collector.tare_in_progress is not None and len(collector.tare_in_progress.frames) == 10
 
 
 class InTime(FrameSource, WrenchSource):

@@ -11,19 +11,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from built_sets import built_from, decoded, references_in, rows_in
-from little_sources import LittleTree
+from built_sets import decoded, references_in, rows_in
 
 import ninedtact_train.dataset
 from ninedtact.cli import main
-from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact_train.dataset.calibrated_readings import iterate_rows_with_references
 from ninedtact_train.dataset.folder import find_pair_files
 from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.reader import load_dataset
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
-from ninedtact_train.dataset.sources.source import SourceConventions
 
 
 @pytest.fixture
@@ -118,18 +115,6 @@ def test_one_of_every_ten_pairs_keeps_the_shares_of_their_kinds(tmp_path: Path) 
     assert chosen[0] == chosen[1] and len(chosen[0]) == 100
     assert sum(row["object"] == "none" for row in chosen[0]) < 7, "2 % of all, though each session begins with one"
     assert sum(len(group.rows) for group in iterate_rows_with_references(find_pair_files(tmp_path))) == 1000
-
-
-def test_what_is_not_known_is_said_so(tree: LittleTree, folder: Path, tmp_path: Path) -> None:
-    built_from(tmp_path / "out", tree.root, folder)
-    pairs = load_dataset(tmp_path / "out", size=(32, 24))
-    of_tree = pairs.sources == "Dataset"
-    assert of_tree.sum() == 6
-    assert (pairs.times_ns[of_tree] == -1).all()
-    assert np.isnan(pairs.mm_per_px[of_tree]).all()
-    assert pairs.mm_per_px[~of_tree] == pytest.approx(rectified_mm_per_px((32, 24)))
-    built_from(tmp_path / "scaled", tree.root, conventions=SourceConventions(mm_per_px=0.5))
-    assert load_dataset(tmp_path / "scaled", size=(24, 18)).mm_per_px == pytest.approx(1.0)
 
 
 def test_batches_hold_every_pair_once(folder: Path) -> None:

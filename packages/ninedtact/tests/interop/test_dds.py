@@ -42,10 +42,9 @@ from ninedtact.interop.ros2_topics_and_messages import (  # noqa: E402
     QosProfile,
     SensorMessages,
 )
-from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
+from ninedtact.quantities import Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
 from ninedtact.recording.topics_and_messages import Topic, encode_message, type_store  # noqa: E402
-from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"
 ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": cyclonedds_configuration(INTERFACE)}
@@ -223,33 +222,6 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         assert sum(1 for _ in recording.frames()) >= 20
     with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
         assert recording.metadata.sensor == RECORDED.id
-
-
-def until_published(running: Running, count: int) -> None:
-    """Until so many more readings are published, the first of which may be of an image from before."""
-    published = running.shared.published
-    wait_until(lambda: running.shared.published > published + count)
-
-
-def test_a_recording_that_begins_in_a_press_keeps_reference_metadata_and_all_warnings(tmp_path: Path) -> None:
-    folder = load_sensor(sensor_folder(tmp_path / "small"))
-    with sensor_on_ros2(folder, tmp_path, measured=Samples(), estimator=NoForceEstimator()) as running:
-        running.camera.level = 75
-        until_published(running, 5)
-        assert running.answer("start_recording pressed")["ok"]
-        until_published(running, 5)
-        assert running.answer("take_reference")["ok"]
-        until_published(running, 10)
-        assert running.answer("stop_recording")["ok"]
-    with Recording(tmp_path / "pressed.mcap") as recording:
-        metadata, warnings = recording.metadata, [texts for _, texts in recording.warnings()]
-    with RecordedReadings(tmp_path / "pressed.mcap", folder.shape) as played:
-        depths_mm = [played.reading(number).max_indentation_mm for number in range(len(played))]
-    assert depths_mm[0] == pytest.approx(1.0, abs=0.01) and depths_mm[-1] == pytest.approx(0.0, abs=0.01)
-    assert (metadata.source, metadata.force_torque) == ("the bench camera", "of the bench")
-    assert metadata.mm_per_px == RECORDED.grid.mm_per_px and metadata.software != ""
-    assert len(warnings) == len(depths_mm)
-    assert all(EstimateWarning.REFERENCE_UNLIKE_CALIBRATION.value in texts for texts in warnings)
 
 
 STALLING_SUBSCRIBER = """

@@ -222,6 +222,7 @@ def calibration_page(guard: SocketGuard, out: Path) -> Iterator[tuple[PageServer
         yield server, CalibrationPage(server, session, lambda: {"sim": "simulated sensor"}, camera).refresh
 
 
+@pytest.mark.usefixtures("without_type_checks")
 @pytest.mark.parametrize(("page", "expected"), [(live_page, 20), (calibration_page, 8)])
 def test_values_that_no_person_could_choose_stop_no_page(
     page: Any, expected: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
@@ -20,7 +19,7 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from page_client import PageClient, ServedPage, served_page, served_small_page
+from page_client import ServedPage, served_page, served_small_page
 from playwright.sync_api import Browser
 from reading_clients import page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
@@ -39,7 +38,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_cards import time_slider_marks
@@ -331,32 +330,6 @@ def test_a_recording_whose_file_is_gone_is_not_said_to_be_recorded(harm: str, is
     assert "was cut; record again" in state.trouble or "removed or cut; record again" in state.trouble
 
 
-def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -> None:
-    path, bench = recorded
-    with recordings_page(bench, path.parent) as served, served.viewer() as (client, _), served.viewer() as (other, _):
-
-        def press_both(label: str, is_done: Callable[[RecorderState], bool]) -> None:
-            def has(one: PageClient) -> bool:
-                return any(getattr(each, "label", "") == label for each in one.controls.values())
-
-            wait_until(lambda: served.refresh() and has(client) and has(other))
-            for one in (client, other):
-                one.use(label)
-            wait_until(lambda: is_done(bench.recorder.state()))
-            time.sleep(0.3)  # for the second press, which is handled in another thread and changes nothing
-            assert is_done(bench.recorder.state())
-
-        press_both("Record", lambda state: state.is_running)
-        for one in (client, other):
-            one.use("label", "twice")
-        press_both("Begin label", lambda state: state.label == "twice")
-        press_both("End label 'twice'", lambda state: state.label is None)
-        press_both("Stop recording", lambda state: not state.is_running)
-        assert len(list(path.parent.glob("*.mcap"))) == 2
-        wait_until(lambda: bool(client.notices + other.notices))
-        assert set(client.notices + other.notices) == {f"Recorded: {max(path.parent.glob('*.mcap')).name}"}
-
-
 class UntilAlone:
     """A panel that takes as long to build as a browser stays."""
 
@@ -375,52 +348,6 @@ class UntilAlone:
 def is_open(path: Path) -> bool:
     links = Path("/proc/self/fd").iterdir()
     return any(os.path.realpath(link) == str(path.resolve()) for link in links)
-
-
-def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench]) -> None:
-    path, bench = recorded
-    player = player_of(path, bench)
-    player.add_span(0.004, 0.006, "between two images")
-    player.close()
-    (path.parent / "bad.mcap").write_bytes(b"")
-    attached = sensor_folder_attachments(bench.folder.path)
-    with RecordingWriter(path.parent / "other.mcap", RecordingMetadata("other"), attachments=attached) as writer:
-        writer.write_image(Frame(bench.kept[0].image, 1, 0))
-    with recordings_page(bench, path.parent) as served, served.viewer() as (client, viewer):
-
-        def wait_for(is_done: Callable[[], bool]) -> None:
-            wait_until(lambda: served.refresh() and is_done())
-
-        def shows(stamp_ns: int) -> bool:
-            reading = None if viewer.moment is None else viewer.moment.sensors[0].reading
-            return reading is not None and reading.stamp_ns == stamp_ns and viewer.plays_recording
-
-        def labels() -> list[str]:
-            return [name for one in client.controls.values() for name in getattr(one, "options", ()) if " to " in name]
-
-        wait_for(lambda: len(client.control("recording").options) == 4)
-        client.use("recording", path.name)
-        wait_for(lambda: shows(bench.kept[0].stamp_ns) and len(labels()) == 2)
-        client.use("Remove label")
-        wait_for(lambda: client.notices == [f"Label not changed: {_NO_LABEL}"])
-        between = next(name for name in labels() if name.startswith("between"))
-        choice = next(one for one in client.controls.values() if between in getattr(one, "options", ()))
-        client.set_value(choice.uuid, between)
-        wait_for(lambda: client.shows("marked: 0.00 to 0.01 s"))
-        client.use("Surfaces (PLY)")
-        refusal = f"Not exported: expected images in {between}, got none; choose another label"
-        wait_for(lambda: client.notices[1:] == [refusal])
-        assert not list(path.parent.glob("*_surfaces_*"))
-        client.use("speed", "4 ×")
-        client.use("recording", "bad.mcap")
-        wait_for(lambda: len(client.notices) == 3 and client.control("recording").value == path.name)
-        assert "an empty file" in client.notices[2] and viewer.plays_recording
-        client.use("recording", "other.mcap")
-        wait_for(lambda: shows(1) and client.control("recording").value == "other.mcap")
-        client.use("This moment as a web page")
-        wait_for(lambda: len(client.notices) == 4)
-        (exported,) = path.parent.glob("moment_*.html")
-        assert "<title>other, recorded, 0.00 of" in exported.read_text()
 
 
 _NO_LABEL = f"expected a label to remove, got '{WHOLE}'; choose one first"

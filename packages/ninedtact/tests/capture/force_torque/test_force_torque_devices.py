@@ -2,7 +2,6 @@
 
 import contextlib
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -17,9 +16,6 @@ from test_force_torque_family import Bench
 
 from ninedtact.capture.force_torque.bota import BotaDriver
 from ninedtact.capture.force_torque.netft import NetFtDriver
-from ninedtact.capture.force_torque.wrench_source_from_address import (
-    untared_wrench_source_for,
-)
 from ninedtact.capture.wrench_source import (
     WrenchFaulty,
     WrenchSampleRejected,
@@ -27,7 +23,6 @@ from ninedtact.capture.wrench_source import (
     WrenchSensorLost,
     WrenchSource,
 )
-from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
@@ -251,23 +246,3 @@ def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) 
             setattr(library, name, name == flag)
         (sample,) = driver.receive()
         assert (sample.is_saturated, sample.fault) == (flag == "overrange", fault)
-
-
-def test_what_a_sensor_without_a_tare_leaves_out_and_loses_is_told(bench: Bench) -> None:
-    bench.serial()
-    told: list[str] = []
-    mount = ForceTorqueMount((0.0, 0.0, -20.0), (0.0, 0.0, 90.0))
-    with untared_wrench_source_for(f"serial:{bench.device.port}", mount, told.append) as source:
-        bench.device.load = LOAD
-        read_for(source, 0.1)
-        wrench = source.read()
-        assert wrench.force_n == pytest.approx([2, 1, -8], abs=0.1) and wrench.about_mm.tolist() == [0, 0, -20]
-        bench.device.flags = 1
-        threading.Timer(0.1, setattr, (bench.device, "flags", 0)).start()
-        while not told:
-            source.read()
-        bench.device.unplug()
-        threading.Timer(0.2, bench.device.plug_in).start()
-        while len(told) < 3:
-            source.read()
-    assert [message.rpartition("; ")[2] for message in told] == ["left out", "waiting for it", "it is back"]
