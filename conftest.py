@@ -3,6 +3,7 @@
 import gc
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # Two workers with two threads each hinder each other: the tests of calibration take half as long again. Libraries read this when
@@ -94,12 +95,21 @@ def pytest_runtest_setup() -> None:
     begin_test()
 
 
+@contextmanager
+def _type_checks_off() -> Iterator[None]:
+    before = jaxtyping.config.jaxtyping_disable
+    jaxtyping.config.update("jaxtyping_disable", True)
+    try:
+        yield
+    finally:
+        jaxtyping.config.update("jaxtyping_disable", before)
+
+
 @pytest.fixture
 def without_type_checks() -> Iterator[None]:
     """Let a test give what the types exclude, which the check of types would refuse before the library does."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", bool(os.environ.get("JAXTYPING_DISABLE")))
+    with _type_checks_off():
+        yield
 
 
 def pytest_collection_finish() -> None:
@@ -189,7 +199,8 @@ def _calibrated_once(
     kept, folder = shared / f"{name}.pickle", shared / name
     with FileLock(shared / f"{name}.lock"):
         if not kept.exists():
-            save_sensor(folder, made := make())
+            with _type_checks_off():  # which a calibration would take half as long again with; it has tests of its own
+                save_sensor(folder, made := make())
             kept.write_bytes(cloudpickle.dumps(made))
             return made, folder
     return cloudpickle.loads(kept.read_bytes()), folder
