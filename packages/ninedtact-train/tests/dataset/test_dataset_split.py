@@ -59,6 +59,15 @@ def test_whatever_the_data_nothing_held_out_is_trained_on(kind, seed, part, by_c
         assert of(contacts, found.test).isdisjoint(of(contacts, found.train))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_order_of_the_rows_does_not_matter_and_the_seed_does(kind) -> None:
+    pairs = made()
+    backwards = SplitKeys(pairs.ids[::-1], pairs.objects[::-1], pairs.sensors[::-1], pairs.contacts[::-1])
+    settings = SplitSettings(kind, pairs=0.1)
+    assert split_dataset(pairs, settings) == split_dataset(backwards, settings)
+    assert split_dataset(pairs, settings).test != split_dataset(pairs, SplitSettings(kind, pairs=0.1, seed=2)).test
+
+
 REFUSED: dict[str, tuple[Callable[[], SplitKeys], SplitSettings, str]] = {
     "one pair": (lambda: made(1), SplitSettings(), "at least 2 pairs to divide, got 1"),
     "more pairs than there are": (made, SplitSettings(), "from 1 to 399 or a part between 0 and 1, got 10000 of 400"),

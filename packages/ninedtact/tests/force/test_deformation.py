@@ -8,6 +8,7 @@ import torch
 from ninedtact.errors import InputError
 from ninedtact.force.brightness_channels import (
     ChannelLayout,
+    DeformationBuilder,
     NotAMixedImage,
     compute_image_deformation,
     deformation_from_mixed_image,
@@ -88,6 +89,13 @@ def test_nothing_changed_is_exactly_nothing_at_every_size() -> None:
     for shape in (None, (120, 160), (60, 80), (690, 920)):
         same = compute_image_deformation(noise(0), noise(0), shape)
         assert not same.darker.any() and not same.brighter.any()
+
+
+def test_results_share_no_memory() -> None:
+    read = DeformationBuilder(noise(0), (120, 160))
+    first = read(noise(1))
+    first.reference[:] = first.darker[:] = 0
+    assert read(noise(1)).reference.min() > 0 and read(noise(1)).darker.any()
 
 
 def test_images_that_do_not_belong_together_are_refused() -> None:

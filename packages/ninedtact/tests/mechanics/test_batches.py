@@ -12,6 +12,7 @@ from gels import BALL, DOUBLE, GEL, model
 from ninedtact.mechanics import numpy_or_torch_arrays
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
+from ninedtact.mechanics.indenter import Cone, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
@@ -104,3 +105,11 @@ def test_windows_of_their_own_in_one_batch_answer_as_each_alone() -> None:
         np.testing.assert_allclose(slid[k][cut], part.tangential_from_shear_mm(tractions[k][cut]), atol=1e-12)
         np.testing.assert_allclose(sunk[k][cut], part.indentation_from_pressure_mm(tractions[k, 0][cut]), atol=1e-12)
         assert not slid[k][:, inside[k] == 0].any()
+
+
+def test_tilted_undersides_do_not_depend_on_how_far_others_are_tilted() -> None:
+    x, y = GRID.positions_mm
+    poses = [Pose(twist_rad=0.3, tilt_x_rad=0.02), Pose(depth_mm=0.4, tilt_y_rad=-0.5), Pose(1.0, tilt_x_rad=0.2)]
+    for indenter in (Cone(), LyingCylinder()):
+        together = indenter.height_over_skin_mm(Pose.stack(poses), x, y)
+        np.testing.assert_array_equal(together, [indenter.height_over_skin_mm(pose, x, y) for pose in poses])

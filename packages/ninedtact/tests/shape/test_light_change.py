@@ -38,6 +38,14 @@ def largest_error(corrected: Rectified) -> float:
     return float(np.abs(cv2.GaussianBlur(corrected.grey / PRESSED - 1, (0, 0), 10)).max())
 
 
+@given(st.integers(0, 99), st.sampled_from([UNTOUCHED, PRESSED]))
+@settings(max_examples=10, deadline=None)
+def test_unchanged_light_leaves_the_image_as_it_is(seed: int, grey: np.ndarray) -> None:
+    image = noisy(grey, seed)
+    corrected, change = CORRECT(image, REFERENCE)
+    assert corrected is image and not change.warnings and not change.sentences
+
+
 @given(st.floats(0.82, 1.2))
 @settings(max_examples=20, deadline=None)
 def test_a_gain_is_taken_out_and_named_from_one_per_cent(gain: float) -> None:

@@ -56,6 +56,13 @@ def test_the_normals_of_an_stl_agree_with_its_corners(tmp_path):
     np.testing.assert_allclose(triangles["normal"], expected, atol=1e-4)
 
 
+def test_npy_is_height_in_mm_and_nan_out_of_view(tmp_path):
+    export_shape(HEIGHT, tmp_path / "z.npy")
+    read = np.load(tmp_path / "z.npy")
+    assert read.dtype == np.float32
+    np.testing.assert_array_equal(read, np.where(HEIGHT.in_view, HEIGHT.z_mm, np.nan))
+
+
 def test_a_height_image_reads_back_as_the_height_map_it_was(tmp_path):
     export_shape(HEIGHT, tmp_path / "z.png")
     read = read_height_png(tmp_path / "z.png")
