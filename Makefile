@@ -187,7 +187,7 @@ BENCHMARKS := $(filter-out $(SHARED_BY_BENCHMARKS) chaos soak,$(basename $(notdi
 
 benchmarks: $(addprefix benchmarks/,$(BENCHMARKS))
 
-benchmarks/ros2_loopback benchmarks/mujoco_speed benchmarks/peg_insertion: .venv/ready-interop
+benchmarks/mujoco_speed: .venv/ready-interop
 
 $(addprefix benchmarks/,$(BENCHMARKS)): .venv/ready
 	.venv/bin/python $@.py

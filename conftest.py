@@ -3,6 +3,7 @@
 import gc
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # Two workers with two threads each hinder each other: the tests of calibration take half as long again. Libraries read this when
@@ -38,38 +39,42 @@ from ninedtact.simulation.calibration_images import simulate_calibration_images 
 from ninedtact.simulation.twin import default_twin  # noqa: E402
 
 _LONGEST_FILES = (
+    "test_benchmarks.py",
     "test_types.py",
     "test_model_journey.py",
-    "test_benchmarks.py",
-    "test_pressing_by_hand.py",
-    "test_force_journeys.py",
-    "test_damaged_files.py",
-    "test_examples.py",
-    "test_board.py",
-    "test_calibration_session.py",
-    "test_sensor_folder.py",
-    "test_second_ball.py",
-    "test_board_press.py",
-    "test_free_pressing.py",
-    "test_calibration_page.py",
     "test_force_calibration_page.py",
-    "test_recordings_on_page.py",
+    "test_force_journeys.py",
+    "test_pressing_by_hand.py",
+    "test_second_ball.py",
+    "test_examples.py",
     "test_twin_fit.py",
-    "test_train_command.py",
-    "test_recording_journeys.py",
-    "test_sensor_group.py",
-    "test_twin_journeys.py",
-    "test_hardware_commands.py",
-    "test_journeys.py",
-    "test_ball.py",
-    "test_export.py",
-    "test_one_press.py",
     "test_docs.py",
-    "test_open_sensor.py",
+    "test_free_pressing.py",
+    "test_board.py",
+    "test_export.py",
+    "test_damaged_files.py",
+    "test_files_of_strangers.py",
+    "test_train_command.py",
+    "test_journeys.py",
+    "test_twin_journeys.py",
+    "test_sensor_folder.py",
+    "test_live_page.py",
+    "test_page_guard.py",
+    "test_sensor_group.py",
+    "test_calibration_page.py",
+    "test_recording_journeys.py",
+    "test_objects.py",
+    "test_board_press.py",
+    "test_drift.py",
+    "test_output.py",
+    "test_sources.py",
+    "test_ball.py",
+    "test_calibration_session.py",
     "test_rules.py",
+    "test_recordings_on_page.py",
+    "test_open_sensor.py",
 )
-"""Files that take half a minute or more. They begin first, so that no worker is left with one at the end while the others have
-none."""
+"""Files that take ten seconds or more. They begin first, so that no worker is left with one at the end."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -90,12 +95,21 @@ def pytest_runtest_setup() -> None:
     begin_test()
 
 
+@contextmanager
+def _type_checks_off() -> Iterator[None]:
+    before = jaxtyping.config.jaxtyping_disable
+    jaxtyping.config.update("jaxtyping_disable", True)
+    try:
+        yield
+    finally:
+        jaxtyping.config.update("jaxtyping_disable", before)
+
+
 @pytest.fixture
 def without_type_checks() -> Iterator[None]:
     """Let a test give what the types exclude, which the check of types would refuse before the library does."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", bool(os.environ.get("JAXTYPING_DISABLE")))
+    with _type_checks_off():
+        yield
 
 
 def pytest_collection_finish() -> None:
@@ -185,7 +199,8 @@ def _calibrated_once(
     kept, folder = shared / f"{name}.pickle", shared / name
     with FileLock(shared / f"{name}.lock"):
         if not kept.exists():
-            save_sensor(folder, made := make())
+            with _type_checks_off():  # which a calibration would take half as long again with; it has tests of its own
+                save_sensor(folder, made := make())
             kept.write_bytes(cloudpickle.dumps(made))
             return made, folder
     return cloudpickle.loads(kept.read_bytes()), folder

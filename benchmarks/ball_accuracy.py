@@ -14,15 +14,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import tyro
-from figures import Figure, answer, at_most, holds
+from figures import Figure, answer, at_most
 from real_images import sensor_folder
 
 from ninedtact import SensorDesign, read_image
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.ball.ball_press import BallFit
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
-from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.shape.depth import DepthMethod
 from ninedtact.shape.lens_and_rectification import Rectification
 
@@ -34,11 +32,11 @@ SCAN_MM = (8, 10, 11, 12, 13, 14.05, 15, 16, 18, 20, 25, 30, FAR_MM)
 
 
 def ball_accuracy(quick: bool = False, json: bool = False) -> None:
-    """Measure sensor_a, and how the other two presses are received."""
+    """Measure sensor_a."""
     cv2.setNumThreads(1)
     folder, design = sensor_folder("sensor_a"), SensorDesign()
     fit = partial(fitted, folder, grid(folder))
-    methods, others = (METHODS[:1], []) if quick else (METHODS, [warned("sensor_i"), refused("sensor_j")])
+    methods = METHODS[:1] if quick else METHODS
     figures = [on_other_half(method, fit(method, design.camera.distance_mm)) for method in methods]
     for method in methods:
         figures += scan(
@@ -48,7 +46,7 @@ def ball_accuracy(quick: bool = False, json: bool = False) -> None:
                 for distance_mm in (SCAN_MM[4:7] if quick else SCAN_MM)
             },
         )
-    answer("Accuracy of the depth calibration, real ball presses", [*figures, *others], json)
+    answer("Accuracy of the depth calibration, real ball presses", figures, json)
 
 
 def grid(folder: Path) -> Rectification:
@@ -87,24 +85,6 @@ def least(errors: dict[float, float]) -> float:
 
 def in_mm(distance: float) -> str:
     return "infinity (lines of sight ignored)" if distance == FAR_MM else f"{distance:g} mm"
-
-
-def warned(name: str) -> Figure:
-    """A sheared press is used, with a warning."""
-    folder = sensor_folder(name)
-    asymmetry = fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm).press.circle.asymmetry
-    level = "pass" if asymmetry <= MAX_ASYMMETRY else "warn"
-    return holds(f"{name}: warned", f"{level}: uneven by {asymmetry:.1%}", "a warning", level == "warn")
-
-
-def refused(name: str) -> Figure:
-    """An image without contact is refused."""
-    folder = sensor_folder(name)
-    try:
-        fitted(folder, grid(folder), "ratio", SensorDesign().camera.distance_mm)
-    except BallPressUnusable as refusal:
-        return holds(f"{name}: refused", str(refusal), "a refusal", True)
-    return holds(f"{name}: refused", "accepted", "a refusal", False)
 
 
 if __name__ == "__main__":

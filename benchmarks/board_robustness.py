@@ -1,8 +1,8 @@
 """Whether the board is found with the defaults in altered real images, and refused where there is none.
 
 Every sensor's real pair is altered in some forty ways; a summary line says, per kind, in how many pairs the board was found, in how
-many of them with every pin that is there, the worst left-out error, and how many pins were claimed that had been taken away. With
-`--every` each pair has its own line. Images without a board, and boards with too much missing, must all be refused.
+many of them with every pin that is there, the worst left-out error, and how many pins were claimed that had been taken away.
+Images without a board, and boards with too much missing, must all be refused.
 
 Every alteration takes a pair (untouched, pressed) of float images (rows, cols, 3) and gives a pair of uint8 images.
 Where light or contrast is altered, fresh noise of one real frame is added, as the altered images have lost some of theirs.
@@ -66,19 +66,14 @@ class Outcome:
     left_out_mm: float = np.nan
     refusal: str = ""
 
-    @property
-    def in_words(self) -> str:
-        return f"refused: {self.refusal}" if self.refusal else f"{self.found} pins, {self.left_out_mm:.4f} mm"
 
-
-def board_robustness(every: bool = False, quick: bool = False, json: bool = False) -> None:
+def board_robustness(quick: bool = False, json: bool = False) -> None:
     """Try all, and print how many were found."""
     cv2.setNumThreads(1)
     trials = list(islice(all_trials(), 1 if quick else None))
     outcomes = [outcome(trial) for trial in tqdm(trials, unit=" pairs", disable=None)]
-    figures = [Figure(f"{one.trial.kind}: {one.trial.name}", one.in_words) for one in outcomes] if every else []
-    for kind in dict.fromkeys(one.trial.kind for one in outcomes):
-        figures.append(summary(kind, [one for one in outcomes if one.trial.kind == kind]))
+    kinds = dict.fromkeys(one.trial.kind for one in outcomes)
+    figures = [summary(kind, [one for one in outcomes if one.trial.kind == kind]) for kind in kinds]
     answer("Finding the board in altered real images", figures, json)
 
 

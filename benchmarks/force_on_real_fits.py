@@ -6,8 +6,7 @@ are kept in out/force_on_real_fits and made once.
 
 `--wrong` shows what a mistake does to the calibration: a board of 3.1 mm pitch stated as 2.5 mm, a ball of 5 mm stated as 4 mm, a
 gel 20 % thinner or thicker than stated, a compliant substrate (`--base-stiffness`), a linear gel. It also prints the warnings and
-checks of the certificate. `--perfect-calibration` estimates with the light and gel of the twin itself, which shows what is lost by
-the inversion and the noise of one image alone.
+checks of the certificate.
 """
 
 import json
@@ -32,11 +31,8 @@ from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
-from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.depth import GlobalDimmingModel
 from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object, generated_object_names
 from ninedtact_train.batched.session_requests import SimulatedSetup, run_session_on_cpu
 from ninedtact_train.dataset.generation.press_session import PressSettings, RandomPress
@@ -94,7 +90,6 @@ def force_on_real_fits(
     sensors: tuple[str, ...] = ("A", "I", "L", "P", "Q", "R"),
     wrong: Wrong = "nothing",
     base_stiffness: float = 10.0,
-    perfect_calibration: bool = False,
     workers: int = 2,
     quick: bool = False,
 ) -> None:
@@ -126,9 +121,9 @@ def force_on_real_fits(
         lines = [line.text for line in compute_certificate_checks(certificate) if line.level != "pass"]
         for said in (*certificate.warnings, *lines):
             print(f"{one.member.name}: {said}")
-    results = dict(run_jobs(judge, [(one, perfect_calibration) for one in setups], workers))
+    results = dict(run_jobs(judge, [(one,) for one in setups], workers))
     show({one.member.name: results[number] for number, one in enumerate(setups)})
-    if wrong == "nothing" and not perfect_calibration:
+    if wrong == "nothing":
         show_images_without_press(setups, untouched=2 if quick else 50)
 
 
@@ -198,36 +193,10 @@ def calibrate_twin(member: SampledSensor, folder: Path, wrong: Wrong = "nothing"
         (folder / REFUSAL_FILE).write_text(str(refusal))
 
 
-def perfectly_calibrated_shape(shape: CalibratedShape, light: BrightnessModel) -> CalibratedShape:
-    """Return a calibrated sensor with the light of its twin; its lens and the stated error of its curve are as calibrated."""
-    curve, inverse_distance_per_mm = shape.curve, light.inverse_distance_per_mm
-    assert shape.deblurring is not None
-    true_curve = replace(
-        curve,
-        darkening=darkening_at(curve.indentation_mm, light),
-        brightening=tuple(light.brightening_per_mm * bulge_mm for bulge_mm in curve.bulge_mm),
-        beyond=replace(curve.beyond, darkening=darkening_at(curve.beyond.indentation_mm, light)),
-    )
-    return replace(
-        shape,
-        curve=true_curve,
-        loss=GlobalDimmingModel(light.global_dimming),
-        deblurring=replace(shape.deblurring, point_spread_mm=light.point_spread_mm),
-        camera_distance_mm=1 / inverse_distance_per_mm if inverse_distance_per_mm > 0 else np.inf,
-    )
-
-
-def darkening_at(indentation_mm: tuple[float, ...], light: BrightnessModel) -> tuple[float, ...]:
-    """Return the relative darkening of the twin at these indentations."""
-    return tuple(np.abs(light.brightness_change(-np.array(indentation_mm))).tolist())
-
-
-def judge(setup: Setup, perfect_calibration: bool = False) -> Judged:
+def judge(setup: Setup) -> Judged:
     """Estimate every image alone."""
     sensor, member = load_sensor(setup.folder), setup.member
     shape, gel = sensor.shape, replace(sensor.gel, shear_modulus_mpa=member.gel.shear_modulus_mpa)
-    if perfect_calibration:
-        shape, gel = perfectly_calibrated_shape(shape, member.light), member.gel
     estimator = build_estimator(PHYSICS, shape, gel)
     references, wrenches, images, objects = setup.stored()
     depth_reader = shape.depth_reader(*map(Frame, references))

@@ -1,9 +1,9 @@
 """Environments per second on a GPU: contacts with friction's memory and their wrenches, alone and with images, all on the device.
 
 A ball is pressed, dragged, twisted and tilted in every environment of a `TwinBatch`, each in its own way, on the gel of a simulated
-sensor at finite strain on a base that yields. Beside the rates: what one step costs in operations, launches, waits of the processor
-and copies; how far the batch is from the CPU's presses, and a coarser grid from the finest; and sessions of `ninedtact simulate
-dataset`, which are of many sensors and objects. Without a GPU, torch does the same on the CPU, whose rates say nothing of a GPU.
+sensor at finite strain on a base that yields. Beside the rates: how far the batch is from the CPU's presses, and a coarser grid
+from the finest; and sessions of `ninedtact simulate dataset`, which are of many sensors and objects. Without a GPU, torch does the
+same on the CPU, whose rates say nothing of a GPU.
 """
 
 from collections import Counter
@@ -20,7 +20,6 @@ import tyro
 from figures import Figure, answer, at_least, at_most, shown
 from jaxtyping import Float64
 from numpy import ndarray as Array
-from torch.utils._python_dispatch import TorchDispatchMode
 
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.pose import Pose
@@ -75,7 +74,6 @@ def gpu_throughput(
     parts = (
         accuracy(chosen, pitches_mm, 2 if quick else 16, 4 if quick else ROUND),
         *(rates(chosen, many, pitch, sizes, seconds) for pitch in pitches_mm for many in environments),
-        cost_of_a_step(chosen, environments[-1], pitches_mm[-1]),
         sessions_rate(chosen, sessions, quick),
     )
     for part in parts:
@@ -225,73 +223,6 @@ def accuracy(device: Device, pitches_mm: Sequence[float], many: int, steps: int)
             yield at_most(f"{name}, largest", largest, WRENCH_SHARE if "force" in name else IMAGE_GREY, "")
         else:
             yield Figure(f"{name}, largest", largest, peer=said)
-
-
-class Counting(TorchDispatchMode):
-    """Counts the operations of torch, the bytes that they read and write, and the looks at values, for which a device must stop."""
-
-    VIEWS = frozenset(
-        ("view", "_unsafe_view", "slice", "select", "unsqueeze", "squeeze", "expand", "permute", "transpose")
-    )
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.count: Counter[str] = Counter()
-
-    def __torch_dispatch__(self, operation: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        found, name = operation(*args, **(kwargs or {})), operation.overloadpacket.__name__
-        if name in ("_local_scalar_dense", "nonzero"):
-            self.count["looks"] += 1
-        if name not in self.VIEWS:
-            self.count["operations"] += 1
-            self.count["bytes"] += size_bytes(args) + size_bytes(found)
-        if name == "_fft_c2r":
-            self.count["transformed"] += found.numel()
-        return found
-
-
-def size_bytes(values: Any) -> int:
-    """Return the size of all arrays among values."""
-    if isinstance(values, (list, tuple)):
-        return sum(map(size_bytes, values))
-    return values.numel() * values.element_size() if hasattr(values, "element_size") else 0
-
-
-def cost_of_a_step(device: Device, many: int, pitch_mm: float) -> Iterator[Figure]:
-    """Yield what one step costs: counted as torch's operations, and on a GPU by its profiler, where graphs are replayed."""
-    many = min(many, 4096)
-    motion = Motion(device, many, pitch_mm)
-    for _ in range(3):
-        motion.next()
-    with Counting() as counting:
-        motion.next()
-    count, name = counting.count, f"one step of {many}, {pitch_mm:g} mm"
-    points = motion.batch.twin.model.skin.grid.positions_mm[0].size
-    yield Figure(f"{name}: operations started one by one", count["operations"])
-    yield Figure(f"{name}: looks at values", count["looks"])
-    yield Figure(f"{name}: read and written by them per environment, MB", count["bytes"] / many / 1e6)
-    yield Figure(f"{name}: transforms of the whole grid by them, per environment", count["transformed"] / points / many)
-    if device.kind != "cuda":
-        return
-    from torch.profiler import ProfilerActivity, profile
-
-    with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as seen:
-        start = perf_counter()
-        press = motion.next()
-        motion.wait()
-        middle = perf_counter()
-        motion.batch.images(press)
-        motion.wait()
-        end = perf_counter()
-    yield Figure(f"{name}: wall ms, image", 1e3 * (middle - start), peer=f"{1e3 * (end - middle):.1f}")
-    events = seen.key_averages()
-    for event in ("cudaLaunchKernel", "cudaGraphLaunch", "cudaStreamSynchronize", "cudaMemcpyAsync", "Memcpy DtoH"):
-        yield Figure(f"{name}: {event}", sum(one.count for one in events if one.key.startswith(event)))
-    kernels = [one for one in events if one.device_type == torch.autograd.DeviceType.CUDA]
-    busy = sorted(kernels, key=lambda one: -one.self_device_time_total)
-    yield Figure(f"{name}: GPU busy, image included, ms", sum(one.self_device_time_total for one in kernels) / 1e3)
-    for one in busy[:12]:
-        print(f"    {one.self_device_time_total / 1e3:9.2f} ms {one.count:6d}  {one.key[:90]}", flush=True)
 
 
 def sessions_rate(device: Device, many: int, quick: bool) -> Iterator[Figure]:

@@ -22,6 +22,7 @@ from ninedtact.studio.sensor_page import SensorPage
 
 CLIENTS = Path(__file__).parents[1] / "packages/ninedtact/tests/studio/reading_clients.py"
 sys.path.append(str(CLIENTS.parent))
+STATM = Path("/proc/self/statm")
 
 
 class CameraInMemory(FrameSource):
@@ -86,3 +87,14 @@ def crowd(server: PageServer, clients: int, silent: int = 1, others: int = 0) ->
         process.wait()
     while len(server.viser.get_clients()) > others:
         time.sleep(0.1)
+
+
+def require_linux() -> None:
+    """End the program with a sentence where resident memory cannot be read."""
+    if not STATM.is_file():
+        sys.exit("expected Linux, whose /proc tells resident memory, got another system; run this one there")
+
+
+def resident_now_mb() -> float:
+    """Return the resident memory of this process."""
+    return int(STATM.read_text().split()[1]) * 4096 / 1e6

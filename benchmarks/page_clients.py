@@ -11,8 +11,7 @@ from pathlib import Path
 
 import tyro
 from figures import Figure, answer, at_most
-from live_page import CameraInMemory, crowd, shown_page
-from memory import resident_now_mb
+from live_page import CameraInMemory, crowd, resident_now_mb, shown_page
 from real_images import real_sensor
 
 from ninedtact import Sensor

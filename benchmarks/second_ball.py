@@ -24,7 +24,7 @@ from ninedtact.calibration.second_press_plan import (
 )
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.capture.strict_image_reading import average_images
-from ninedtact.design import BallGauge
+from ninedtact.design import BallGauge, Gel
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.calibration_images import (
     CALIBRATION_SOLVER_SETTINGS,
@@ -66,7 +66,7 @@ def second_ball(
 ) -> None:
     """Calibrate sensors on every base."""
     cv2.setNumThreads(1)
-    bases = {"10": BASES["10"]} if quick else BASES
+    bases = {"rigid": BASES["rigid"]} if quick else BASES
     alone: list[DepthFound] = []
     both: list[DepthFound] = []
     figures: list[Figure] = []
@@ -76,7 +76,7 @@ def second_ball(
             who = replace(who, gel=replace(who.gel, gel_to_base_modulus_ratio=ratio))
             name = f"base {base}, sensor {number}"
             try:
-                one, two, planned_mm = depths(who, radius_mm, refines_lens=not quick)
+                one, two, planned_mm = depths(who, radius_mm, quick)
             except BallPressUnusable as refusal:
                 figures.append(Figure(f"{name}: refused", str(refusal)))
                 continue
@@ -108,16 +108,16 @@ def summary(alone: list[DepthFound], both: list[DepthFound]) -> Iterator[Figure]
             yield holds(f"{name}: truth within {times} σ", share, f"{least:g} to {most:g}", least <= share <= most)
 
 
-def depths(who: SampledSensor, radius_mm: float, refines_lens: bool) -> tuple[DepthFound, DepthFound, float]:
+def depths(who: SampledSensor, radius_mm: float, quick: bool) -> tuple[DepthFound, DepthFound, float]:
     """The depth from the first ball alone and from both, and the ± that was planned for both.
 
-    refines_lens: whether the lens is fitted to the image of the board, as a calibration does, or to its pins alone.
+    quick: by the lens of the pins alone, on a base that is known to be rigid.
     """
     true_mm = who.presses.for_gel(who.design.gel).ball_depth_mm
-    design = replace(SensorDesign(), ball=BallGauge(second_radius_mm=radius_mm))
+    design = SensorDesign(ball=BallGauge(second_radius_mm=radius_mm), gel=who.gel if quick else Gel())
     images = images_with_second_ball(who, radius_mm, true_mm)
     assert images.board_pair is not None and images.ball_pair is not None and images.second_ball_pair is not None
-    if refines_lens:
+    if not quick:
         made = calibrate(images, design)
         fit, rectify = made.fits.twin, made.rectify
         priors = () if made.fits.board_press is None else made.fits.board_press.priors

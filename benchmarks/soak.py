@@ -19,8 +19,7 @@ from tempfile import TemporaryDirectory
 import cv2
 import tyro
 from figures import Figure, answer, at_most
-from live_page import CameraInMemory, crowd, shown_page
-from memory import require_linux, resident_now_mb
+from live_page import CameraInMemory, crowd, require_linux, resident_now_mb, shown_page
 from real_images import calibrated
 
 from ninedtact import Recording, Sensor, SensorFolder, record, save_sensor

@@ -10,7 +10,6 @@ pressed through the gel.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
 from time import perf_counter
 
 import cv2
@@ -62,8 +61,7 @@ def wrong_lengths(
     """Calibrate with right and wrong lengths."""
     cv2.setNumThreads(1)
     if quick:
-        real = list(islice(real_trials(1, (0.8,), refines_lens=False), 2))
-        answer("Wrong lengths", list(figures_of(real)), json)
+        answer("Wrong lengths", list(figures_of([next(real_trials(1, refines_lens=False))])), json)
         return
     of_twins = [*twin_trials(), *simulated_trials(simulated, seed), *second_ball_trials(second_balls, seed)]
     answer("Wrong lengths", list(figures_of([*real_trials(), *of_twins])), json)

@@ -22,7 +22,7 @@ SHARED = {
     "turns",
 }
 """Modules that benchmarks share."""
-OF_EXTRAS = {"mujoco_speed": "mujoco", "peg_insertion": "gymnasium", "ros2_loopback": "cyclonedds"}
+OF_EXTRAS = {"mujoco_speed": "mujoco"}
 """Benchmarks of doors to other programs, and what they need; `make test-interop` installs it."""
 NAMES = sorted({path.stem for path in BENCHMARKS.glob("*.py")} - SHARED)
 

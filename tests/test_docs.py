@@ -156,16 +156,6 @@ def test_captions_say_what_the_pictures_show() -> None:
         assert caption_of_page(picture)[1] == caption(picture, figures), "run make gallery"
 
 
-def test_the_commands_that_the_gallery_names_draw_all_of_its_pictures() -> None:
-    from draw_gallery import DRAWN, GEAR
-
-    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
-    shown = re.findall(r"\(images/([\w.]+)\)", page)
-    assert sorted(shown) == sorted([*(name for names in DRAWN.values() for name in names), "twin_page.png"])
-    assert "make gallery" in page and "make docs-images" in page and f"ninedtact {GEAR} " in page
-    assert '.take("twin_page"' in (ROOT / "scripts" / "draw_page_images.py").read_text(encoding="utf-8")
-
-
 def test_a_site_that_loads_from_elsewhere_or_links_to_nothing_is_refused(tmp_path: Path) -> None:
     from check_site import find_faults
 

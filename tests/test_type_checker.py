@@ -85,25 +85,3 @@ def test_ever_fewer_calls_in_a_test_are_checked() -> None:
     assert [number for number in range(1, 101) if refused()] == [1, 2, 4, 8, 16, 32, 64]
     begin_test()
     assert refused()
-
-
-def test_a_function_within_a_function_is_checked_and_closes_over_its_own_values() -> None:
-    def make(factor: float, axes: str) -> Callable[[object], object]:
-        @check
-        def scale(points: Float[Array, axes]) -> Float[Array, " n"]:
-            return factor * (points if factor else points[1:])
-
-        return scale
-
-    double, triple, shorten, of_two = make(2, "n"), make(3, "n"), make(0, "n"), make(2, "2")
-    assert double(COLUMN + 1)[0] == 2 and triple(COLUMN + 1)[0] == 3
-    for call, given in ((double, POINTS), (triple, 1.0), (shorten, COLUMN), (of_two, COLUMN)):
-        begin_test()
-        with pytest.raises(Exception, match="violat"):
-            call(given)
-    assert of_two(COLUMN[:2]).shape == (2,)
-
-
-@pytest.mark.usefixtures("without_type_checks")
-def test_a_test_may_give_what_the_types_exclude() -> None:
-    assert plain(2.0) == 1

@@ -2,15 +2,10 @@
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
-from matplotlib.text import Annotation
 
-from ninedtact.design import Gel, SensingArea, SensorDesign
 from ninedtact_hardware.buildable_design import BuildableDesign
-from ninedtact_hardware.design import HardwareDesign
-from ninedtact_hardware.part_drawing import INK, draw_part, draw_part_as_svg_and_pdf, list_drawing_notes
+from ninedtact_hardware.part_drawing import draw_part, draw_part_as_svg_and_pdf
 from ninedtact_hardware.part_geometry import Polyline, project_section
-from ninedtact_hardware.part_solids import build_first_mould, build_second_mould
 
 BARE_MM2 = {
     "acrylic_window": 14.0 * 2.0,
@@ -25,19 +20,6 @@ BARE_MM2 = {
 def test_a_cut_lays_bare_what_the_plane_meets(original: BuildableDesign, name: str) -> None:
     cut = project_section(original.parts[name].solid).cut
     assert sum(map(area_mm2, cut)) == pytest.approx(BARE_MM2[name], abs=0.01)
-
-
-@pytest.mark.parametrize(("width", "height", "gel"), [(10.0, 10.0, 1.5), (60.0, 45.0, 5.0)])
-def test_so_it_does_in_every_size(width: float, height: float, gel: float) -> None:
-    design = HardwareDesign(SensorDesign(gel=Gel(gel), sensing_area=SensingArea(width, height)))
-    for build, window, thick_mm in (
-        (build_first_mould, design.horizontal_dimensions.translucent, gel),
-        (build_second_mould, design.horizontal_dimensions.black, gel + 0.3),
-    ):
-        cut = project_section(build(design)).cut
-        assert sum(map(area_mm2, cut)) == pytest.approx(
-            (design.horizontal_dimensions.plate[1] - window[1]) * thick_mm, abs=0.01
-        )
 
 
 def area_mm2(face: tuple[Polyline, ...]) -> float:
@@ -86,19 +68,5 @@ def test_a_sheet_tells_all_that_shapes_a_part(default: BuildableDesign, name: st
         assert text in svg
 
 
-def test_a_sheet_tells_nothing_else(default: BuildableDesign) -> None:
-    assert "base_mm" not in sheet_svg(default, "first_mould") and "round, about" not in sheet_svg(
-        default, "acrylic_window"
-    )
-
-
 def sheet_svg(sensor: BuildableDesign, name: str) -> str:
     return dict(draw_part_as_svg_and_pdf(sensor.design, sensor.parts[name]))["svg"].decode()
-
-
-def test_arrows_of_the_cut_look_towards_the_half_that_is_shown(default: BuildableDesign) -> None:
-    part = default.parts["first_mould"]
-    (axes,) = draw_part(part, list_drawing_notes(default.design, part)).axes
-    looks = [text for text in axes.texts if isinstance(text, Annotation) and text.xy[1] == text.xyann[1]]
-    looks = [each for each in looks if each.arrow_patch.get_edgecolor()[:3] == to_rgb(INK)]
-    assert len(looks) == 2 and all(each.xyann[0] > each.xy[0] for each in looks), "from +x towards -x"

@@ -19,12 +19,10 @@ from shapely.geometry.base import BaseGeometry
 
 import ninedtact_hardware
 from ninedtact.design import SensingArea, SensorDesign
-from ninedtact_hardware.buildability import find_broken_rules
 from ninedtact_hardware.design import HardwareDesign, original_hardware_design
 from ninedtact_hardware.led_board import (
     LedOperatingPoint,
     describe_redrawing,
-    format_fabrication_notes,
     list_board_differences,
     read_board_files,
 )
@@ -159,15 +157,6 @@ def test_a_fault_of_the_original_is_mended(pin: str, other: str) -> None:
         assert pad.distance(pad_shape(other)) > CLEARANCE_MM - ROUNDING_MM
 
 
-def test_other_faults_of_the_original_are_mended() -> None:
-    """Thickness 1.6; one via for the current of all LEDs; tracks of 0.254."""
-    assert BOARD.general.thickness == 0.8
-    (led_line,) = (number for number, name in BOARD.nets.items() if name == "LED+")
-    assert sum(via.net == led_line for via in BOARD.vias) == 2
-    assert {track.width for track in BOARD.track_segments if track.net == led_line} == {0.6}
-    assert min(track.width for track in BOARD.track_segments) == 0.25
-
-
 def test_mask_and_paste_fit_the_pads() -> None:
     for pin, pad in PADS.items():
         for side in pad.sides:
@@ -233,13 +222,6 @@ def test_what_to_redraw_is_named(change: dict[str, object], feature: str) -> Non
     assert "expected" in describe_redrawing([difference]) and "; redraw" in describe_redrawing([difference])
 
 
-def test_heights_and_thickness_are_not_part_of_the_drawing() -> None:
-    board = LedBoardDimensions(thick_mm=1.0, led_mm=(3.5, 2.8, 0.5), driver_mm=(3.9, 4.9, 1.5))
-    design = replace(DESIGN, board=board)
-    assert list_board_differences(design) == []
-    assert "Thickness: 1 mm. NOT the usual 1.6 mm" in format_fabrication_notes(design)
-
-
 def test_the_resistor_of_the_design_is_ordered(tmp_path: Path) -> None:
     """Only the usual one has an order number here."""
     files = written(replace(DESIGN, board=LedBoardDimensions(resistor_ohm=10_000)), tmp_path)
@@ -247,13 +229,6 @@ def test_the_resistor_of_the_design_is_ordered(tmp_path: Path) -> None:
     assert b"R1,10k," in files["led_board_placement.csv"] and b'value "10k"' in files["led_board.kicad_pcb"]
     assert "180 mA in total" in files["led_board_notes.txt"].decode()
     assert "R1,20k,0805,RT0805CRE0720KL,C706298" in (PROJECT / "led_board_bom.csv").read_text()
-
-
-@pytest.mark.parametrize(("ohm", "total_ma", "led_ma", "watt"), [(20_000, 90, 11.25, 0.18), (3_750, 480, 60, 0.96)])
-def test_the_two_resistors_of_the_published_board(ohm: float, total_ma: float, led_ma: float, watt: float) -> None:
-    light = LedOperatingPoint(ohm)
-    assert (light.total_ma, light.led_ma, light.driver_w) == pytest.approx((total_ma, led_ma, watt))
-    assert find_broken_rules(replace(DESIGN, board=LedBoardDimensions(resistor_ohm=ohm))) == []
 
 
 @given(ohm=st.floats(1_200, 30_000))

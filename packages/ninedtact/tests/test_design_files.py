@@ -10,18 +10,14 @@ from ninedtact.cli import main
 from ninedtact.cli.calibrate import CalibrateCommand
 from ninedtact.cli.demo import Demo
 from ninedtact.design import (
-    DesignImpossible,
     Gel,
     SensingArea,
     SensorDesign,
     design_to_toml,
     read_design_file,
-    shear_modulus_mpa_to_shore_a,
-    shore_a_to_shear_modulus_mpa,
 )
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.simulation.calibration_images import SimulatedCalibrationImages, simulate_calibration_images
-from ninedtact.simulation.gel_brightness import BrightnessModel, brightness_model_for_design
 from ninedtact.simulation.twin import default_twin, twin_from_design
 
 OURS = SensorDesign(gel=Gel(2.0), sensing_area=SensingArea(20, 15))
@@ -76,32 +72,11 @@ def test_dimensions_beyond_what_can_be_made_are_refused_by_name(tmp_path: Path, 
         read_design_file(written(tmp_path, f"[{part}]\n{field} = {value}"))
 
 
-def test_impossible_dimensions_are_refused_as_anywhere_else(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match=r"gel\.thickness_mm"):
-        read_design_file(written(tmp_path, "[gel]\nthickness_mm = -1"))
-
-
-def test_hardness() -> None:
-    """Gent 1958; the published gel's modulus is that of Shore A 5."""
-    assert shore_a_to_shear_modulus_mpa(5) == pytest.approx(Gel().shear_modulus_mpa, rel=0.01)
-    for shore_a in (1, 5, 33.3, 95):
-        assert shear_modulus_mpa_to_shore_a(shore_a_to_shear_modulus_mpa(shore_a)) == pytest.approx(shore_a)
-    with pytest.raises(DesignImpossible):
-        shore_a_to_shear_modulus_mpa(100)
-
-
 def test_the_published_design_has_the_default_twin() -> None:
     ours, default = twin_from_design(SensorDesign()), default_twin()
     assert (ours.renderer.reference == default.renderer.reference).all()
     assert ours.renderer.light == default.renderer.light
     assert (ours.area_mm, ours.gel_mm, ours.name) == (default.area_mm, default.gel_mm, default.name)
-
-
-def test_a_thinner_gel_darkens_sooner_and_scatters_less() -> None:
-    thin = brightness_model_for_design(SensorDesign(gel=Gel(1.5)))
-    assert thin.darkening_per_mm > BrightnessModel().darkening_per_mm
-    assert thin.point_spread_mm < BrightnessModel().point_spread_mm
-    assert thin.brightness_change(np.array([-1.5])).item() > -1
 
 
 def test_a_thin_gel_is_calibrated_by_presses_that_it_bears() -> None:

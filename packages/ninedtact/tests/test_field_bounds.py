@@ -8,7 +8,7 @@ import pytest
 from msgspec import Meta, ValidationError
 
 from ninedtact.bounds_and_checked_reading import convert_tables_to_class, require_within_bounds
-from ninedtact.errors import CalibrationError, InputError
+from ninedtact.errors import InputError
 
 _Weight = Annotated[float, Meta(ge=0, le=1)]
 
@@ -54,8 +54,3 @@ def test_an_object_and_a_file_are_refused_for_the_same_values(name: str, value: 
 def test_values_within_bounds_are_taken_by_both(values: dict[str, Any]) -> None:
     require_within_bounds(Settings(**values))
     assert convert_tables_to_class(values, Settings) == Settings(**values)
-
-
-def test_a_caller_chooses_the_class_of_the_error() -> None:
-    with pytest.raises(CalibrationError, match="expected count of at least 1, got 0"):
-        require_within_bounds(Settings(count=0), refusal=CalibrationError)

@@ -1,7 +1,6 @@
 """A computer without a display: the units of systemd, and the commands of docs/headless.md without a terminal."""
 
 import os
-import platform
 import re
 import shutil
 import signal
@@ -71,44 +70,3 @@ def test_a_command_of_the_page_needs_neither_display_nor_terminal(kind: str, wor
     assert running.returncode == 0, first + rest
     expected = "finger.mcap: " if kind == "RECORD_OPTIONS" else "stopped after"
     assert expected in first + rest
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries have no arenas")
-def test_the_threads_of_a_command_share_two_arenas_of_memory() -> None:
-    program = """
-import ctypes, re, sys, threading
-from ninedtact import __main__, cli
-
-def count_arenas():
-    libc = ctypes.CDLL(None)
-    libc.open_memstream.restype = ctypes.c_void_p
-    text, size = ctypes.c_char_p(), ctypes.c_size_t()
-    stream = ctypes.c_void_p(libc.open_memstream(ctypes.byref(text), ctypes.byref(size)))
-    libc.malloc_info(0, stream)
-    libc.fclose(stream)
-    return len(re.findall(rb"<heap nr=", text.value))
-
-def run_threads():
-    together = threading.Barrier(9)
-    def allocate():
-        kept = bytearray(1000)
-        together.wait()
-        together.wait()
-    threads = [threading.Thread(target=allocate) for _ in range(8)]
-    [thread.start() for thread in threads]
-    together.wait()
-    print(count_arenas())
-    together.wait()
-    return 0
-
-cli.main = run_threads
-sys.exit(__main__.main())
-"""
-    environment = {name: value for name, value in os.environ.items() if name != "MALLOC_ARENA_MAX"}
-    for limit, expected in (({}, 2), ({"MALLOC_ARENA_MAX": "4"}, 4)):
-        done = subprocess.run(
-            [sys.executable, "-c", program], env=environment | limit, capture_output=True, text=True, check=True
-        )
-        assert int(done.stdout) == expected, (
-            "a command limits its arenas unless the user has said how many there may be"
-        )

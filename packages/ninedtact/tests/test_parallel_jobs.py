@@ -8,9 +8,9 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import pytest
-from threadpoolctl import threadpool_info, threadpool_limits
+from threadpoolctl import threadpool_limits
 
-from ninedtact.errors import DeviceError, InputError, NinedtactError
+from ninedtact.errors import DeviceError, InputError
 from ninedtact.parallel_jobs import DaskCluster, require_workers, run_jobs, run_writing_jobs
 
 GENERATE = [
@@ -90,15 +90,6 @@ def test_jobs_give_the_same_in_one_process_in_two_and_on_a_cluster(tmp_path: Pat
                 list(run_jobs(require_workers, [(0,), (0,)], workers))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_every_job_uses_one_thread_of_linear_algebra(workers: int) -> None:
-    assert [threads for _, threads in run_jobs(_blas_threads, [(), ()], workers)] == [{1}, {1}]
-
-
-def _blas_threads() -> set[int]:
-    return {library["num_threads"] for library in threadpool_info()}
-
-
 def _square(number: int) -> int:
     return number**2
 
@@ -117,15 +108,6 @@ def test_a_gpu_and_a_cluster_are_refused_together(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected --device cpu together with --cluster, got cuda"):
         generate_dataset(tmp_path / "out", GenerationSettings(pairs=10), cluster, device="cuda")
     assert not list(tmp_path.iterdir())
-
-
-def test_paths_of_sources_are_absolute_on_a_cluster(tmp_path: Path) -> None:
-    from ninedtact_train.dataset.build import build_dataset
-    from ninedtact_train.dataset.sources.htt_episodes import TactileTransformerSource
-
-    cluster = DaskCluster("host:1", 2, lambda *_: pytest.fail("no job may run"))
-    with pytest.raises(NinedtactError, match="absolute paths of sources for a cluster, got in"):
-        build_dataset(tmp_path / "out", [TactileTransformerSource("in", Path("in"))], workers=cluster)
 
 
 def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:

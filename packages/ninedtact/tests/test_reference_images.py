@@ -1,7 +1,5 @@
 """A reference image that follows slow changes: an hour of drifting light, a long press, and gel that creeps after it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from small_sensor import SHAPE, skin
@@ -104,37 +102,6 @@ def test_the_error_of_settling_gel_decays_after_a_release() -> None:
     expected = [np.hypot(0.01, 0.05 * 8 * np.exp(-second / 10)) for second in (1, 11, 200)]
     np.testing.assert_allclose(stds, expected, rtol=1e-6)
     assert follower.with_settling_error(touched) is touched
-
-
-def pressing(force_z_n: float, stamp_ns: int) -> WrenchEstimate:
-    return WrenchEstimate(Wrench(np.array([0.0, 0.0, force_z_n]), np.zeros(3), stamp_ns=stamp_ns), np.eye(6), True)
-
-
-def test_the_settling_error_is_that_of_the_largest_force_of_the_contact_between_looks_too() -> None:
-    taken, pressed = Rectified(SKIN, MM_PER_PX), SKIN * (1 - 0.2 * DENT)
-    settings = FollowingSettings(settling=0.05, settling_s=10.0, look_every_s=0.1)
-    follower = ReferenceFollower(taken, settings)
-    # 50 images a second: the force rises to 8 N in an image that is not looked at, and is 1 N in the last one with contact.
-    for number, force_z_n in enumerate([-1.0, -4.0, -8.0, -4.0, -3.0, -2.0, -1.0, -1.0]):
-        reading = replace(reading_of(pressed, taken, 0), frame=frame_at(20_000_000 * number))
-        assert follower.follow(reading.with_force(pressing(force_z_n, 20_000_000 * number))) is None
-    released_ns = 200_000_000
-    released = replace(reading_of(SKIN, taken, 0), frame=frame_at(released_ns))
-    follower.follow(released.with_force(nothing_at(released_ns)))
-    assert follower.with_settling_error(nothing_at(released_ns)).std[2] == pytest.approx(0.05 * 8, rel=0.02)
-    # A light touch after that does not hide that the gel is still settling from the strong one.
-    later_ns = 1_200_000_000
-    later = replace(reading_of(pressed, taken, 0), frame=frame_at(later_ns))
-    follower.follow(later.with_force(pressing(-0.5, later_ns)))
-    assert follower.with_settling_error(nothing_at(later_ns)).std[2] == pytest.approx(0.05 * 8 * np.exp(-0.1), rel=0.02)
-
-
-def frame_at(stamp_ns: int) -> Frame:
-    return Frame(np.zeros((2, 2, 3), np.uint8), stamp_ns)
-
-
-def nothing_at(stamp_ns: int) -> WrenchEstimate:
-    return WrenchEstimate(Wrench(np.zeros(3), np.zeros(3), stamp_ns=stamp_ns), np.zeros((6, 6)), False)
 
 
 def test_what_replaces_a_reference_depends_on_the_stamp_and_on_what_was_taken() -> None:

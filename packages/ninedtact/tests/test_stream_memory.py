@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ninedtact.force.contact_detection import ContactThreshold, correlated_noise_limit, measure_smooth_noise
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
-from ninedtact.reading import Reading, StreamMemory
+from ninedtact.reading import Reading
 from ninedtact.stream_memory import StreamLearner, find_flicker
 
 SKIN = np.full((345, 460), 150, np.float32)
@@ -51,12 +51,3 @@ def test_noise_over_the_view_is_learnt_and_a_light_contact_is_not() -> None:
     threshold = ContactThreshold()
     learnt = replace(reading_of(SKIN), stream=learner.memory)
     assert correlated_noise_limit(learnt, threshold) == pytest.approx(threshold.learnt_noises * learner.memory.noise)
-
-
-def test_an_image_without_noise_is_right_to_a_grey_level_until_its_stream_is_known() -> None:
-    threshold = ContactThreshold()
-    assert correlated_noise_limit(reading_of(SKIN), threshold) == pytest.approx(1 / 150, rel=1e-3)
-    known = replace(reading_of(SKIN), stream=StreamMemory(noise=2e-4, learnt_s=60))
-    assert correlated_noise_limit(known, threshold) < threshold.min_darkening
-    noisy = reading_of(SKIN + np.random.default_rng(1).normal(0, 0.5, SKIN.shape))
-    assert correlated_noise_limit(noisy, threshold) < threshold.min_darkening

@@ -63,27 +63,6 @@ def test_a_press_to_a_load_and_with_a_mesh(tmp_path: Path, capsys: pytest.Captur
     assert told["wrench"]["force_n"][2] == pytest.approx(-5, rel=1e-2) and 0.3 < told["pose"]["depth_mm"] < 1.5
 
 
-def test_a_press_of_a_sensor_is_on_the_grid_of_its_rectified_images(
-    sensor_a: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    press = ["--object", "ball:4", "--depth-mm", "1", "--at-mm", "6", "-3"]
-    told = told_by_press(tmp_path / "out", capsys, *press, "--sensor", str(sensor_a.path))
-    height = np.load(tmp_path / "out" / "height.npy")
-    assert told["mm_per_px"] == sensor_a.rectification.mm_per_px != 0.0522
-    row, col = np.unravel_index(height.argmin(), height.shape)
-    x, y = ((at - (side - 1) / 2) * told["mm_per_px"] for at, side in zip((col, row), height.shape[::-1], strict=True))
-    assert (x, y) == pytest.approx((6, -3), abs=0.1)
-
-
-def test_a_press_of_a_design_with_twice_as_many_pixels_is_as_wide(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "fine.toml").write_text("[field_of_view]\nrows = 690\ncols = 920\nraw_long_side_px = 1280\n")
-    press = ["--object", "ball:4", "--depth-mm", "1", "--design", str(tmp_path / "fine.toml")]
-    told = told_by_press(tmp_path / "out", capsys, *press)
-    assert told["mm_per_px"] == pytest.approx(0.0261) and np.load(tmp_path / "out" / "height.npy").shape == (690, 920)
-
-
 BAD = {
     "--object bal --depth-mm 1": "got 'bal'; give one of these",
     "--object no.stl --depth-mm 1": "which is not there; check the path",
@@ -122,14 +101,6 @@ def test_what_can_be_pressed_is_listed(capsys: pytest.CaptureFixture[str]) -> No
     assert "ball:RADIUS" in (said := capsys.readouterr().out) and "gear" in said
     assert main(["simulate", "objects", "--json"]) == 0
     assert "gear" in json.loads(capsys.readouterr().out)["generated"]["machine parts"]
-
-
-def test_a_twin_is_calibrated_from_its_own_images(twin_sensor: SensorFolder) -> None:
-    certificate = twin_sensor.record.certificate
-    assert certificate is not None and certificate.board.pins_found == 63
-    assert certificate.board.leave_one_out_rms_mm < 0.05
-    assert certificate.board.mm_per_px == pytest.approx(15.5 / 320, rel=0.04)
-    assert certificate.ball.max_indentation_mm == pytest.approx(1.8, abs=0.25)  # the rule of the ball's edge reads deep
 
 
 @pytest.mark.parametrize("at_mm", [(0.0, 0.0), (4.0, -3.0)])

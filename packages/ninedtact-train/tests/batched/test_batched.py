@@ -1,8 +1,5 @@
 """Many sessions at once, on torch: the pairs of the processor, in any batch, and in smaller ones when memory runs out."""
 
-import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +13,7 @@ import torch
 
 from ninedtact._version import installation_command
 from ninedtact.cli import main
-from ninedtact.errors import DeviceError, InputError, NinedtactError, OutputError
+from ninedtact.errors import DeviceError, InputError, NinedtactError
 from ninedtact.mechanics import skin
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
@@ -29,7 +26,7 @@ from ninedtact_train.batched.executor import BatchExecutor
 from ninedtact_train.batched.session_requests import Device, RenderRequest, StepRequest, choose_compute_device
 from ninedtact_train.collecting.training_pair_rule import PairKindShares
 from ninedtact_train.dataset.generation.generate import GenerationResult, generate_dataset, make_simulated_sensor
-from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings
+from ninedtact_train.dataset.generation.settings import GenerationSettings
 from ninedtact_train.population.mechanics_shares import MechanicsShares
 
 SMALL = GenerationSettings(
@@ -97,11 +94,6 @@ def test_the_pairs_are_those_of_the_processor(together: GenerationResult, by_pro
     assert {row["sensor"] for row in rows(together.folder)} == {f"twin_0_{number:03d}" for number in range(3)}
 
 
-def test_a_batch_of_another_size_makes_the_same_pairs(tmp_path: Path, together: GenerationResult) -> None:
-    generate_dataset(tmp_path / "pairs", SMALL, device="torch-cpu", sessions_per_batch=3)
-    assert_same_pairs(tmp_path / "pairs", together.folder)
-
-
 def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, together: GenerationResult) -> None:
     before = read_folder_files(together.folder)
     path = together.folder / "data" / "train-00001-of-00003.parquet"
@@ -112,17 +104,6 @@ def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, toget
     assert again.new_files == 1
     assert read_folder_files(together.folder) == before
     assert other.stat().st_mtime_ns == age
-
-
-def test_kinds_of_devices_are_not_mixed(together: GenerationResult, by_processor: GenerationResult) -> None:
-    assert together.device == "torch-cpu"
-    assert json.loads((together.folder / "settings.json").read_text())["device"] == "torch-cpu"
-    assert "with `--device torch-cpu`" in (together.folder / "README.md").read_text()
-    assert json.loads((by_processor.folder / "settings.json").read_text())["device"] == "cpu"
-    with pytest.raises(OutputError, match=r"another device \(device: cpu instead of torch-cpu\)"):
-        generate_dataset(together.folder, SMALL)
-    with pytest.raises(OutputError, match=r"another device \(device: torch-cpu instead of cpu\)"):
-        generate_dataset(by_processor.folder, SMALL, device="torch-cpu")
 
 
 class FullMemory:
@@ -163,12 +144,6 @@ def test_a_memory_too_small_for_one_contact_ends_in_a_sentence(
         "expected room for one contact in the memory of torch-cpu, got 'CUDA out of memory.'; end other programs"
         in told
     )
-
-
-def test_other_trouble_is_not_taken_for_a_full_memory(room: BatchExecutor, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(skin, "forward_transform", FullMemory(0, RuntimeError("CUDA error: an illegal memory access")))
-    with pytest.raises(RuntimeError, match="illegal"):
-        room.execute([StepRequest(room.setups[0], None, Ball(), Pose(depth_mm=0.5))])
 
 
 def test_a_press_that_leaves_no_gel_is_refused_alone(room: BatchExecutor) -> None:
@@ -234,15 +209,6 @@ def test_objects_side_by_side_are_each_their_own(poses: list[Pose]) -> None:
         np.testing.assert_allclose(height, indenter.height_over_skin_mm(pose, *places), atol=2e-5)
 
 
-def test_a_hand_that_finds_nothing_gives_up_together_too(tmp_path: Path) -> None:
-    faint = PressSettings(load_n=(0.1, 0.01), load_range_n=(0.05, 0.2), targets=(1, 1))
-    settings = replace(
-        SMALL, press=faint, shares=PairKindShares(0, 0), object_names=("ball:4",), pairs=3, sensors=1, pitch_mm=1.0
-    )
-    with pytest.raises(InputError, match="press harder"):
-        generate_dataset(tmp_path / "faint", settings, device="torch-cpu")
-
-
 @pytest.mark.parametrize("name", ["tpu", "cuda:x", "CPU", "cpu:0", ""])
 def test_devices_go_by_their_names(name: str) -> None:
     with pytest.raises(DeviceError, match="expected a device named auto, cpu, cuda, cuda:N or torch-cpu"):
@@ -268,24 +234,6 @@ def test_a_gpu_that_is_not_there_is_one_sentence(
     assert not (tmp_path / "pairs").exists()
 
 
-def test_a_gpu_that_is_there_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session_requests, "_gpu_count", lambda: 2)
-    monkeypatch.setattr(session_requests, "_gpu_driver_exists", lambda: True)
-    assert [choose_compute_device(name).kind for name in ("auto", "cuda:1", "cpu")] == ["cuda", "cuda", "cpu"]
-    assert not choose_compute_device("cpu").is_batched
-    monkeypatch.setattr(session_requests, "_gpu_count", lambda: 0)
-    assert choose_compute_device("auto") == Device("cpu")
-
-
-def test_a_gpu_without_any_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*of: object, **how: object) -> None:
-        raise RuntimeError("CUDA error: out of memory\nCUDA kernel errors might be reported later")
-
-    monkeypatch.setattr(torch, "zeros", full)
-    with pytest.raises(DeviceError, match="expected room in the memory of cuda, got none at all"):
-        Device("cuda").zero_array()
-
-
 @pytest.mark.parametrize("name", ["cuda", "torch-cpu"])
 def test_without_torch_the_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
@@ -296,18 +244,6 @@ def test_without_torch_the_extra_is_named(
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert f"got no such package; run {installation_command('train')}" in line
     assert choose_compute_device("auto") == Device("cpu")
-
-
-def test_the_processor_needs_no_torch(tmp_path: Path) -> None:
-    options = "--pairs 2 --sensors 1 --size 32 24 --object-names ball:3 --pitch-mm 0.5 --workers 1 --json"
-    device = "--device cpu" if session_requests._gpu_driver_exists() else ""
-    arguments = ["simulate", "dataset", "--out", str(tmp_path / "pairs"), *options.split(), *device.split()]
-    check = (
-        f"import sys; from ninedtact.cli import main; main({arguments}); print('torch' in sys.modules, file=sys.stderr)"
-    )
-    ran = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
-    assert json.loads(ran.stdout)["device"] == "cpu"
-    assert ran.stderr.strip().endswith("False")
 
 
 def test_no_session_at_once_is_refused(tmp_path: Path) -> None:

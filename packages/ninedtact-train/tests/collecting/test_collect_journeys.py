@@ -1,13 +1,11 @@
 """What a person does with `ninedtact collect`: on a twin, from a recording and live, at the command line and from a program."""
 
 import json
-import math
 import os
 import pty
 import termios
 import threading
 import time
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,19 +13,17 @@ import cv2
 import numpy as np
 import pytest
 from hand import TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, record_hand, truth
-from hand_fed import Hanging
 from twin_folder import twin_folder
 
 from ninedtact.capture.force_torque.sample_checks import CheckedWrenchSource
 from ninedtact.capture.frame_source import FrameSource
-from ninedtact.capture.wrench_source import WrenchSaturated, WrenchSource
+from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.cli import main
 from ninedtact.quantities import Frame, Wrench
-from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.writer import RecordingWriter
-from ninedtact_train.cli.collect import CollectTerminalDisplay, collect_progress_line, open_key_reader
+from ninedtact_train.cli.collect import open_key_reader
 from ninedtact_train.collecting.collected_pairs import read_recorded_pairs
 from ninedtact_train.collecting.collection_sources import merge_live_streams
 from ninedtact_train.collecting.collector import COLLECTED_TOPICS, Collector
@@ -123,24 +119,6 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
     assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
 
 
-def test_a_tare_without_samples_says_so_and_hoards_no_images(tmp_path: Path) -> None:
-    with (
-        RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode,
-        Camera(2.0) as camera,
-    ):
-        collector = Collector(episode)
-        for frame in camera:
-            collector.add(Arrival(frame, frame.stamp_ns))
-        assert "no samples from the force/torque sensor yet" in collect_progress_line(collector)
-        collector.add(
-            Arrival(WrenchSaturated("expected F_z of netft:x within ± 9.8 N, got 11; press less"), frame.stamp_ns)
-        )
-    assert collect_progress_line(collector).endswith(
-        "taring: expected F_z of netft:x within ± 9.8 N, got 11; press less"
-    )
-    assert collector.tare_in_progress is not None and len(collector.tare_in_progress.frames) == 10
-
-
 class InTime(FrameSource, WrenchSource):
     """One of the hand's devices, at its own pace and stamped when it is read."""
 
@@ -196,59 +174,3 @@ def test_keys_are_read_one_by_one_and_the_terminal_is_as_before(monkeypatch: pyt
     os.close(writing)
     with open_key_reader() as read_keys:
         assert [read_keys() for _ in range(3)] == ["q", "", ""]
-
-
-def read_screen(terminal: int) -> str:
-    """Return what was written, up to its last line; a terminal may give it in parts."""
-    written = b""
-    while not written.endswith(b"q end\r\n"):
-        written += os.read(terminal, 10_000)
-    return written.decode()
-
-
-def test_the_screen_is_rewritten_in_place_where_its_lines_are_wider_than_the_terminal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    outer, inner = pty.openpty()
-    termios.tcsetwinsize(inner, (50, 30))
-    with (
-        os.fdopen(inner, "w") as terminal,
-        RecordingWriter(tmp_path / "e.mcap", RecordingMetadata("x"), COLLECTED_TOPICS) as episode,
-    ):
-        monkeypatch.setattr("sys.stderr", terminal)
-        collector, screen = Collector(episode), CollectTerminalDisplay()
-        screen.show(collector)
-        first = read_screen(outer)
-        screen.show(collector)  # too soon
-        screen.show_message("next object: cup")
-        screen.show(collector, at_once=True)
-        again = read_screen(outer)
-    os.close(outer)
-    rows = sum(max(math.ceil(len(line) / 30), 1) for line in first.split("\r\n")[:-1])
-    assert rows > 15 and again.startswith(f"\x1b[{rows}A\x1b[J") and "next object: cup" in again
-    for said in ("Fz -12.00 ············", "do not touch the gel", "missing: Fx"):
-        assert said in first and said in again
-
-
-class SteadyWrenches(WrenchSource):
-    """A hundred samples a second."""
-
-    name = "a force/torque sensor"
-
-    def open(self) -> None: ...
-
-    def read(self) -> Wrench:
-        time.sleep(0.01)
-        return Wrench(np.zeros(3), np.zeros(3), stamp_ns=time.monotonic_ns())
-
-    def close(self) -> None: ...
-
-
-def test_a_driver_that_hangs_while_pairs_are_collected_is_told_once() -> None:
-    told_once: list[str] = []
-    began = time.monotonic()
-    with closing(merge_live_streams(Hanging(), SteadyWrenches(), told_once.append, 0.3)) as arrivals:
-        for _ in arrivals:
-            if time.monotonic() - began > 1.0:
-                break
-    assert told_once == ["nothing has arrived from a camera that hangs for 0.3 s; check it and its cable"]

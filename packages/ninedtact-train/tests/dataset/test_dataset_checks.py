@@ -10,7 +10,7 @@ import pytest
 from built_sets import listed
 from little_sources import grey, touched, untouched
 
-from ninedtact_train.dataset.checks import PairCheckSettings, check_dataset, local_darkening_levels
+from ninedtact_train.dataset.checks import check_dataset, local_darkening_levels
 from ninedtact_train.dataset.fault_report import PairFault, read_quality_report, write_quality_report
 from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
@@ -72,12 +72,6 @@ def test_what_came_before_is_found_across_files(tmp_path: Path) -> None:
     assert says["e"].startswith("b has the same image")
     write_quality_report(tmp_path / "check.json", found)
     assert read_quality_report(tmp_path / "check.json") == found
-
-
-def test_limits_may_be_moved(tmp_path: Path) -> None:
-    folder = data_set(tmp_path, row("a", 1), replace(row("late", 2), wrench_delay_ms=35.0))
-    assert check_dataset(folder, PairCheckSettings(max_delay_ms=50.0)).findings == []
-    assert len(check_dataset(folder, PairCheckSettings(max_wrench=(6.0, 6.0, 2.0, 1.0, 1.0, 1.0))).findings) == 3
 
 
 def test_a_light_that_drifts_is_no_touch() -> None:

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from built_sets import rows_in
 from little_sources import LittleTree, little_tree
 
 from ninedtact.cli import main
-from ninedtact.errors import InputError
 from ninedtact_train.dataset.preview_image import render_preview
 
 
@@ -20,18 +18,6 @@ def told(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, 
     code = main(["dataset", *map(str, words)])
     said = capsys.readouterr()
     return code, said.out, said.err
-
-
-def test_an_evaluation_refuses_the_pairs_that_training_refuses(
-    twins: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    data = shutil.copytree(twins, tmp_path / "data")
-    references = pq.read_table(data / "references.parquet")
-    pq.write_table(references.slice(1), data / "references.parquet")
-    assert main(["evaluate", "--data", str(data), "--workers", "1"]) == 1
-    (said,) = capsys.readouterr().err.strip().splitlines()
-    assert "without reference; leave those out: ninedtact dataset build --drop" in said
-    assert not (data / "sensors").exists()
 
 
 def test_build_check_and_show(tree: LittleTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -52,18 +38,6 @@ def test_build_check_and_show(tree: LittleTree, tmp_path: Path, capsys: pytest.C
     assert "6 pairs" in said
     assert "3 lab/1, 3 lab/2" in said
     assert cv2.imread(str(out / "preview.png")) is not None
-
-
-def test_what_sources_do_not_say_may_be_stated(
-    tree: LittleTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ("--axes=-x,y,-z", "--origin-mm", 0, 0, -10, "--sensor-name", "ours", "--mm-per-px", 0.05)
-    told(capsys, "build", tree.root, "--out", tmp_path / "out", "--workers", 1, *words, "--json")
-    row = rows_in(tmp_path / "out")[0]
-    measured = np.load(tree.root / "wrench/1/1.npy") * [-1, 1, -1, -1, 1, -1]
-    expected = measured[3:] + np.cross([0, 0, -0.01], measured[:3])
-    assert row["wrench"] == pytest.approx([*measured[:3], *expected], rel=1e-5)
-    assert (row["sensor"], row["mm_per_px"]) == ("ours", pytest.approx(0.05))
 
 
 def test_strict_is_an_exit_code_and_drop_a_remedy(
@@ -138,13 +112,3 @@ def test_a_sheet_shows_what_is_darker_in_red(tmp_path: Path) -> None:
     tiles = np.split(red[:, : red.shape[1] // 3 * 3], 3, axis=1)
     reds = [tile.mean() for tile in tiles]
     assert reds == sorted(reds) and reds[0] > 1 and tiles[0].max() > 100
-
-
-def test_a_sheet_of_nothing_is_refused(tmp_path: Path, twins: Path) -> None:
-    import pyarrow.parquet as pq
-
-    shutil.copytree(twins, tmp_path / "bare")
-    references = tmp_path / "bare" / "references.parquet"
-    pq.write_table(pq.read_table(references).slice(0, 0), references)
-    with pytest.raises(InputError, match="ninedtact dataset check"):
-        render_preview(tmp_path / "bare")

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
@@ -18,24 +17,22 @@ import tyro
 from built_sets import TWINS, decoded, references_in, rows_in
 
 from ninedtact.bounds_and_checked_reading import mapping_checksum
-from ninedtact.errors import InputError, NinedtactError, OutputError
+from ninedtact.errors import InputError, OutputError
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.recording.reader import read_folder_files
 from ninedtact_train.batched.session_requests import run_session_on_cpu
 from ninedtact_train.cli.simulate_dataset import SimulateDatasetCommand
 from ninedtact_train.collecting.training_pair_rule import PairKindShares
 from ninedtact_train.dataset.dataset_card import (
-    REAL_PERCENTILES,
     DatasetStatistics,
     compute_dataset_statistics,
 )
 from ninedtact_train.dataset.generation.generate import generate_dataset, make_simulated_sensor
-from ninedtact_train.dataset.generation.press_session import RandomPress, session_objects, session_quotas
-from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings, PressTarget
+from ninedtact_train.dataset.generation.press_session import RandomPress, session_quotas
+from ninedtact_train.dataset.generation.settings import PressSettings, PressTarget
 from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.population.sensor_population import sample_sensor, sampled_sensor_from_json
 
-HARD = PressTarget(30.0, np.zeros(2), 0.0, np.zeros(2))
 MAKE = f"""
 import sys
 from pathlib import Path
@@ -76,22 +73,6 @@ def test_every_session_makes_its_number_of_pairs_and_all_together_the_shares(
     totals = {kind: sum(one[kind] for one in quotas) for kind in quotas[0]}
     assert totals["no_contact"] == pytest.approx(203 * shares[0], abs=0.5)
     assert totals["light_touch"] == pytest.approx(203 * shares[1], abs=1.6)
-
-
-@pytest.mark.parametrize("sensors", [20, 25, 50])
-def test_every_sensor_is_pressed_by_more_and_more_objects(sensors: int) -> None:
-    settings, presses = GenerationSettings(400 * sensors, sensors=sensors, objects=175), 7
-    assert settings.sessions == 8 * sensors
-    for sensor in (0, sensors - 1):
-        own = range(sensor, settings.sessions, sensors)
-        pressed = {name for session in own for name in islice(session_objects(settings, session), presses)}
-        assert len(pressed) == len(own) * presses
-
-
-def test_sessions_of_one_pair_have_ids_of_their_own(tmp_path: Path) -> None:
-    settings = replace(TWINS, pairs=4, sensors=4, shares=PairKindShares(1.0, 0.0))
-    generate_dataset(tmp_path / "single", settings)
-    assert len({row["id"] for row in rows_in(tmp_path / "single")}) == 4
 
 
 def test_kinds_mean_what_they_say(rows: list[dict[str, Any]]) -> None:
@@ -139,14 +120,6 @@ def test_everything_to_make_it_again_is_beside_it(twins: Path) -> None:
     assert "2 no_contact" in card
 
 
-def test_hugging_face_knows_which_column_is_a_image(twins: Path) -> None:
-    path = next((twins / "data").iterdir())
-    assert path.name.endswith("-of-00003.parquet")
-    metadata = pq.read_schema(path).metadata
-    assert json.loads(metadata[b"huggingface"])["info"]["features"]["image"] == {"_type": "Image"}
-    assert b"N\xc2\xb7m" in metadata[b"ninedtact.wrench"]
-
-
 def test_a_killed_job_goes_on_with_any_number_of_workers_and_ends_with_the_same_bytes(
     twins: Path, tmp_path: Path
 ) -> None:
@@ -161,14 +134,6 @@ def test_a_killed_job_goes_on_with_any_number_of_workers_and_ends_with_the_same_
     assert 1 <= len(list((folder / "data").glob("train-*"))) < TWINS.files
     subprocess.run([sys.executable, "-c", MAKE, str(folder), "2"], check=True)
     assert read_folder_files(folder) == read_folder_files(twins)
-
-
-def test_a_finished_one_is_left_as_it_is(twins: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in (twins / "data").iterdir()}
-    assert generate_dataset(twins, TWINS).new_files == 0
-    with pytest.raises(OutputError, match=r"another seed \(seed: 5 instead of 0\)"):
-        generate_dataset(twins, replace(TWINS, seed=5))
-    assert {path: path.stat().st_mtime_ns for path in (twins / "data").iterdir()} == before
 
 
 def test_another_mesh_in_the_same_file_is_another_data_set(tmp_path: Path) -> None:
@@ -215,16 +180,6 @@ def test_shares_objects_and_workers_are_checked_before_work_begins(tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
-def test_hopeless_hands_give_up(tmp_path: Path) -> None:
-    faint = replace(
-        TWINS,
-        press=PressSettings(load_n=(0.1, 0.01), load_range_n=(0.05, 0.2), targets=(1, 1)),
-        shares=PairKindShares(0, 0),
-    )
-    with pytest.raises(NinedtactError, match="press harder"):
-        generate_dataset(tmp_path / "faint", replace(faint, object_names=("ball:4",)))
-
-
 def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
     for kinds in (MechanicsShares(0, 0), MechanicsShares(1, 0), MechanicsShares(0, 1)):
         touch = RandomPress(
@@ -238,15 +193,6 @@ def test_a_hand_reaches_its_load_and_leans_as_it_wants() -> None:
             felt = run_session_on_cpu(touch.step_towards(aim))
         assert felt is not None
         assert felt.wrench.force_n == pytest.approx([1.0, -0.6, -6.0], rel=0.06, abs=0.03)
-
-
-def test_a_hand_stops_before_the_base() -> None:
-    sensor = make_simulated_sensor(6, replace(TWINS, pitch_mm=0.3, mechanics=MechanicsShares(0, 0)))
-    felt = run_session_on_cpu(
-        RandomPress(sensor, Ball(1.5), PressSettings(), np.random.default_rng(0)).step_towards(HARD)
-    )
-    assert felt is not None
-    assert 0.6 < -felt.corrected.height_mm.min() / sensor.member.gel.thickness_mm < 0.76
 
 
 def test_a_design_of_its_own_is_pressed_seen_and_written_down(
@@ -269,12 +215,3 @@ def test_torques_move_to_the_paper_s_sensor() -> None:
     """T_y ≈ +0.033 m F_x and T_x ≈ −0.037 m F_y: FACTS, from the real wrenches."""
     moved = DatasetStatistics({}, {}, {}, np.array([[1.0, 2.0, -7.0, 0.0, 0.0, 0.001]])).percentiles
     assert moved[:, 1] == pytest.approx([1, 2, -7, -0.07, 0.035, 0.001])
-
-
-def test_the_real_percentiles_are_those_of_the_real_wrenches(real_data: Path) -> None:
-    six = np.genfromtxt(real_data / "wrenches_10000.csv", delimiter=",", skip_header=1)[:, 2:8]
-    found = np.percentile(six, [5, 50, 95], axis=0).T
-    assert found == pytest.approx(REAL_PERCENTILES, rel=5e-3, abs=5e-5)
-    back = six.copy()
-    back[:, 3:] -= np.cross([0, 0, 0.035], six[:, :3])
-    assert np.abs(DatasetStatistics({}, {}, {}, back).differences_from_real_percentiles).max() < 0.01

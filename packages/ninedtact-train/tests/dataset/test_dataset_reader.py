@@ -11,20 +11,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from built_sets import built_from, decoded, full_disk, references_in, rows_in
-from little_sources import LittleTree
+from built_sets import decoded, references_in, rows_in
 
 import ninedtact_train.dataset
-from ninedtact.atomic_write import FileNotWritten
 from ninedtact.cli import main
-from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact_train.dataset.calibrated_readings import iterate_rows_with_references
 from ninedtact_train.dataset.folder import find_pair_files
 from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.reader import load_dataset
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
-from ninedtact_train.dataset.sources.source import SourceConventions
 
 
 @pytest.fixture
@@ -121,50 +117,6 @@ def test_one_of_every_ten_pairs_keeps_the_shares_of_their_kinds(tmp_path: Path) 
     assert sum(len(group.rows) for group in iterate_rows_with_references(find_pair_files(tmp_path))) == 1000
 
 
-def test_images_are_means_over_areas_at_the_size_asked_for(folder: Path) -> None:
-    pairs, rows = load_dataset(folder, size=(32, 24)), rows_in(folder)
-    images = pairs.images(np.arange(18))
-    assert images.shape == (18, 24, 32)
-    for image, row in zip(images, rows, strict=True):
-        means = decoded(row["image"]).reshape(24, 2, 32, 2).mean((1, 3))
-        assert np.abs(image - means).max() <= 0.5
-    assert pairs.mm_per_px == pytest.approx(rectified_mm_per_px((32, 24)))
-
-
-def test_a_built_set_reads_like_the_twin_s(folder: Path, tmp_path: Path) -> None:
-    built_from(tmp_path / "built", folder)
-    theirs, ours = load_dataset(folder, size=(32, 24)), load_dataset(tmp_path / "built", size=(32, 24))
-    assert np.array_equal(theirs.decoded.images, ours.decoded.images)
-    assert list(theirs.ids) == list(ours.ids)
-    assert np.array_equal(theirs.mm_per_px, ours.mm_per_px)
-    assert {*theirs.sources, *ours.sources} == {"pairs"}
-
-
-def test_what_is_not_known_is_said_so(tree: LittleTree, folder: Path, tmp_path: Path) -> None:
-    built_from(tmp_path / "out", tree.root, folder)
-    pairs = load_dataset(tmp_path / "out", size=(32, 24))
-    of_tree = pairs.sources == "Dataset"
-    assert of_tree.sum() == 6
-    assert (pairs.times_ns[of_tree] == -1).all()
-    assert np.isnan(pairs.mm_per_px[of_tree]).all()
-    assert pairs.mm_per_px[~of_tree] == pytest.approx(rectified_mm_per_px((32, 24)))
-    built_from(tmp_path / "scaled", tree.root, conventions=SourceConventions(mm_per_px=0.5))
-    assert load_dataset(tmp_path / "scaled", size=(24, 18)).mm_per_px == pytest.approx(1.0)
-
-
-def test_some_pairs_are_a_data_set_too(folder: Path) -> None:
-    pairs = load_dataset(folder, size=(32, 24))
-    wanted = pairs.kinds == "rule"
-    some = pairs.select(wanted)
-    assert len(some) == wanted.sum()
-    assert set(some.kinds) == {"rule"}
-    last = some.select(np.array([len(some) - 1]))
-    at = np.flatnonzero(wanted)[-1]
-    assert last.ids[0] == pairs.ids[at]
-    assert np.array_equal(last.batch(np.array([0])).images, pairs.images(np.array([at])))
-    assert np.array_equal(last.batch(np.array([0])).references, pairs.reference_images(np.array([at])))
-
-
 def test_batches_hold_every_pair_once(folder: Path) -> None:
     pairs = load_dataset(folder, size=(32, 24))
     batches = list(pairs.batches(5, np.random.default_rng(1)))
@@ -203,13 +155,6 @@ def small(image: dict[str, bytes]) -> np.ndarray:
     return cv2.resize(decoded(image), (32, 24), interpolation=cv2.INTER_AREA)
 
 
-def test_several_threads_decode_the_same(folder: Path, tmp_path: Path) -> None:
-    one = load_dataset(folder, (32, 24), tmp_path / "one")
-    three = load_dataset(folder, (32, 24), tmp_path / "three", threads=3)
-    assert np.array_equal(one.decoded.images, three.decoded.images)
-    assert not (folder / "cache").exists()
-
-
 def test_what_a_killed_process_left_is_removed(folder: Path) -> None:
     load_dataset(folder, size=(32, 24))
     (images,) = (folder / "cache").glob("32x24-*/images.npy")
@@ -220,19 +165,6 @@ def test_what_a_killed_process_left_is_removed(folder: Path) -> None:
     images.unlink()
     load_dataset(folder, size=(32, 24))
     assert not left.exists() and at_work.exists()
-
-
-def test_a_full_disk_is_one_sentence_and_nothing_half(folder: Path) -> None:
-    with full_disk(4000), pytest.raises(FileNotWritten, match="free the disk"):
-        load_dataset(folder, size=(32, 24))
-    assert [path.name for path in (folder / "cache").rglob("*") if path.is_file()] == ["files.json"]
-    assert len(load_dataset(folder, size=(32, 24))) == 18
-
-
-def test_a_cache_that_may_not_be_made_is_told(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(FileNotWritten, match="another one for decoded images"):
-        load_dataset(folder, cache=tmp_path / "file")
 
 
 @pytest.mark.parametrize("column", ["wrench", "reference_id"])

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from little_sources import LittleTree, grey, mixed_of, touched, untouched, wrench_about_sensor
 
-from ninedtact.errors import DatasetError, InputError, NinedtactError, OutputError
+from ninedtact.errors import DatasetError, InputError, NinedtactError
 from ninedtact_train.dataset.fault_report import PairFinding
 from ninedtact_train.dataset.schema import DatasetRow
 from ninedtact_train.dataset.sources.source import SourceConventions
@@ -72,17 +72,6 @@ def test_images_alone_have_no_reference_unless_one_is_named(tree: LittleTree, tm
     )
 
 
-def test_another_image_by_the_name_of_the_stated_reference_is_not_mixed_in(tree: LittleTree, tmp_path: Path) -> None:
-    (tree.root / "mixed_image").rename(tmp_path / "elsewhere")
-    conventions = SourceConventions(reference=tmp_path / "skin.png")
-    cv2.imwrite(str(tmp_path / "skin.png"), tree.skin)
-    built_from(tmp_path / "out", tree.root, conventions=conventions)
-    (tmp_path / "out" / "README.md").unlink()  # as after a stop
-    cv2.imwrite(str(tmp_path / "skin.png"), tree.skin[::-1])
-    with pytest.raises(OutputError, match="got another source"):
-        built_from(tmp_path / "out", tree.root, conventions=conventions)
-
-
 def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> None:
     root = tree.root
     (root / "wrench/1/1.npy").unlink()
@@ -108,13 +97,6 @@ def test_what_is_missing_or_odd_is_listed(tree: LittleTree, tmp_path: Path) -> N
         ("unreadable", "Dataset/wrench/2/notes.txt"),
     }
     assert {row["id"] for row in rows_in(tmp_path / "out")} == {"Dataset/2/1", "Dataset/2/2", "Dataset/2/4"}
-
-
-def test_a_folder_without_a_pair_is_refused(tmp_path: Path) -> None:
-    for part in ("image", "wrench"):
-        (tmp_path / "Dataset" / part).mkdir(parents=True)
-    with pytest.raises(InputError, match="whole Dataset folder"):
-        built_from(tmp_path / "out", tmp_path / "Dataset")
 
 
 STEMS = st.sampled_from(["1", "2", "10", "007", "a b", "norm", "x_norm", "éß", "1.5", "-", "'", "1_norm_norm"])
@@ -163,14 +145,3 @@ def test_every_file_ends_in_a_row_or_in_the_list(files: list[tuple[str, str, str
             own = "/".join(("Dataset", *middle, stem))
             as_stray = "/".join(("Dataset", kind, *middle, name))
             assert {own, as_stray} & (rows | left_out), file
-
-
-def test_names_that_are_no_text_are_stored_as_text(tree: LittleTree, tmp_path: Path) -> None:
-    """File names are bytes; some are no UTF-8."""
-    odd = (tree.root / "wrench" / "1").parent / "\udcff"
-    for kind in ("image", "mixed_image", "wrench"):
-        (tree.root / kind / "1").rename(tree.root / kind / odd.name)
-    (tree.root / "wrench" / odd.name / "2.npy").unlink()
-    built = built_from(tmp_path / "out", tree.root)
-    assert ("missing wrench", r"Dataset/\udcff/2") in listed(built.report)
-    assert r"Dataset/\udcff/1" in {row["id"] for row in rows_in(tmp_path / "out")}

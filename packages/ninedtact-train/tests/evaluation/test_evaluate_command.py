@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ninedtact.cli import main
-from ninedtact.errors import FileFormatError
 from ninedtact_train.evaluation import WrenchPredictions
 from ninedtact_train.evaluation.evaluation import PUBLISHED_SCORES, PUBLISHED_SCORES_AT_SKIN
 from ninedtact_train.evaluation.predictions import read_predictions, write_predictions
@@ -102,14 +101,6 @@ def test_predictions_are_read_as_they_were_written(tmp_path_factory, truth, pred
     assert (None if back.objects is None else [*back.objects]) == names
 
 
-@given(st.binary(max_size=80) | st.text(alphabet='FxN_p,"\n 1.enai', max_size=200).map(str.encode))
-def test_no_content_makes_reading_fail_otherwise(tmp_path_factory, content: bytes) -> None:
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    path.write_bytes(content)
-    with pytest.raises(FileFormatError):
-        read_predictions(path)
-
-
 def replaced(old: str, new: str) -> Callable[[str], str]:
     return lambda text: text.replace(old, new)
 
@@ -177,20 +168,6 @@ def test_a_bad_cell_is_named_by_row_and_column(tmp_path: Path, capsys, cell: str
     rows[2] = re.sub(r"^([^,]+),[^,]+", rf"\1,{cell}", rows[2])
     path.write_text("\n".join(rows))
     assert CELLS[cell] in refusal(path, capsys)
-
-
-def test_what_is_no_file_is_refused(tmp_path: Path, capsys) -> None:
-    assert "got: [Errno 2] No such file" in refusal(tmp_path / "missing.csv", capsys)
-    assert "is a folder and not a file" in refusal(tmp_path, capsys)
-    (tmp_path / "image.csv").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
-    assert "check the path" in refusal(tmp_path / "image.csv", capsys)
-
-
-def test_whoever_knows_better_about_units_may_go_on(tmp_path: Path, capsys) -> None:
-    found = drawn()
-    write_predictions(tmp_path / "strong.csv", WrenchPredictions(1000 * found.truth, 1000 * found.predicted))
-    assert "--trust-units" in refusal(tmp_path / "strong.csv", capsys)
-    assert told(capsys, "--predictions", str(tmp_path / "strong.csv"), "--trust-units")["pairs"] == 60
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """What the figures mean, by laws that hold for every set of predictions."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Wrench
 from ninedtact_train.evaluation import ErrorDistribution, WrenchPredictions, evaluate_predictions
-from ninedtact_train.evaluation.report import format_evaluation_report
 
 SCALE = np.array([1, 1, 4, 0.03, 0.03, 0.004])
 
@@ -67,13 +65,6 @@ def test_the_figures_are_those_of_their_formulas() -> None:
     assert np.isnan(found.skill[0]) and np.isnan(found.r2[0]) and np.isnan(found.slope[0]) and found.mae[0] == 0
 
 
-def test_where_the_truth_does_not_vary_the_answer_is_null_and_a_dash() -> None:
-    still = evaluate_predictions(WrenchPredictions(np.zeros((2, 6)), np.zeros((2, 6))))
-    table = json.loads(json.dumps(still.to_json_dict(), allow_nan=False))
-    assert table["skill"] == [None] * 6 and table["mae"] == [0] * 6
-    assert "skill                       –" in "\n".join(format_evaluation_report(still))
-
-
 @pytest.mark.parametrize("distribution", ErrorDistribution)
 def test_honest_errors_cover_what_they_say_and_small_ones_less(distribution: ErrorDistribution) -> None:
     truth, draw = wrenches(20_000), np.random.default_rng(1)
@@ -89,24 +80,6 @@ def test_honest_errors_cover_what_they_say_and_small_ones_less(distribution: Err
     other = next(one for one in ErrorDistribution if one is not distribution)
     wrong = evaluate_predictions(WrenchPredictions(truth, truth + off, std, other)).coverage
     assert abs(wrong[0.5] - 0.5).min() > 0.05
-
-
-def test_errors_without_end_cover_all_and_exact_zeros_do_not_flatter() -> None:
-    truth = np.concatenate([np.zeros((100, 6)), wrenches(100)])
-    predicted = np.concatenate([np.zeros((100, 6)), wrenches(100, seed=1)])
-    for std, share in ((np.inf, 1), (1e-9, 0)):
-        coverage = evaluate_predictions(WrenchPredictions(truth, predicted, np.full((200, 6), std))).coverage
-        assert all((covered == share).all() for covered in coverage.values())
-
-
-def test_pairs_without_a_claimed_error_do_not_count_in_the_coverage_of_the_others() -> None:
-    truth, predicted, std = wrenches(200), wrenches(200, seed=1), SCALE * np.ones((200, 6))
-    whole = WrenchPredictions(truth, predicted, std)
-    some = replace(whole, std=np.where(np.arange(200)[:, None] < 150, std, np.nan))
-    some.std[:, 5] = np.nan
-    alone = evaluate_predictions(whole.select([True] * 150 + [False] * 50)).coverage
-    for share, covered in evaluate_predictions(some).coverage.items():
-        np.testing.assert_array_equal(covered, [*alone[share][:5], np.nan])
 
 
 def test_parts_make_up_the_whole_and_an_untouched_skin_is_apart() -> None:

@@ -76,24 +76,6 @@ def wrong_probability(light: BrightnessModel, gel: Gel, design: SensorDesign) ->
     return weigh_length_clues(board + ball_clues(light, gel, design), design).wrong_probability
 
 
-def test_few_sensors_of_the_population_are_suspected(members: list[SampledSensor]) -> None:
-    suspicions = [wrong_probability(one.light, one.gel, SensorDesign()) for one in members]
-    assert np.mean(np.array(suspicions) > 0.12) < 1 / 13
-    wide = SensorDesign(gel=Gel(1.25, 0.2))
-    scaled = [wrong_probability(one.light, one.gel, wide) for one in (sample_sensor(n, design=wide) for n in range(6))]
-    assert scaled == pytest.approx(suspicions[:6])
-
-
-@pytest.mark.parametrize("count", [10, 40, MANY])
-def test_kinds_have_their_shares_among_few_members_too(count: int, members: list[SampledSensor]) -> None:
-    kinds = [one.kind for one in members[:count]]
-    assert kinds.count("rigid_base") == pytest.approx(0.2 * count, abs=2)
-    assert kinds.count("linear") == pytest.approx(0.1 * count, abs=2)
-    assert all(one.gel.has_rigid_base == (one.kind != "layered") for one in members)
-    assert all(one.gel.finite_strain == (one.kind != "linear") for one in members)
-    assert all(one.gel.gel_to_base_modulus_ratio < 0.34 for one in members)
-
-
 def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:
     based = sample_sensor(3, kinds=ALL_LAYERED)
     based = replace(based, gel=replace(based.gel, gel_to_base_modulus_ratio=0.1))
@@ -173,25 +155,6 @@ def test_light_of_reflections_stays_as_it_is_under_a_contact() -> None:
     assert factors[0] is not None and factors[1] is not None
     added_to_grid = of_grid[0].reference * factors[0] - of_grid[1].reference * factors[1]
     np.testing.assert_allclose(added_to_grid, of_grid[0].reference - of_grid[1].reference, atol=0.1)
-
-
-def test_some_sensors_have_reflections_near_the_border(members: list[SampledSensor]) -> None:
-    counts = [len(one.glare) for one in members]
-    assert set(counts) == {0, 1, 2, 3} and 0.15 < counts.count(0) / MANY < 0.35
-    for patch in (patch for one in members for patch in one.glare):
-        assert 0.6 <= np.hypot(*patch.centre) <= 1.0 and patch.strength <= 0.06
-
-
-def test_a_view_read_backwards_finds_its_pixels() -> None:
-    view, wanted = (
-        sample_sensor(4).pixel_map,
-        misaligned_pixel_positions_mm(
-            (92, 69), rectified_mm_per_px((92, 69)), CalibrationMisalignment(1.01, 0.01, (0.2, -0.1))
-        ),
-    )
-    px = raw_pixels_seeing(view, wanted)
-    place = cv2.remap(view.plane_mm, px[..., 0].copy(), px[..., 1].copy(), cv2.INTER_LINEAR)
-    assert np.abs(place - wanted).max() < 3e-3, "OpenCV looks up to a 32nd of a pixel"
 
 
 def test_noise_is_new_in_every_image_and_as_strong_as_it_is_said_to_be() -> None:

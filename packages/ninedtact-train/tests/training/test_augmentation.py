@@ -13,14 +13,11 @@ from ninedtact_train.training.augmentation import (
     GeometricTransforms,
     augment_batch,
     perturb_light,
-    sample_transforms,
     transform_training_batch,
 )
 from ninedtact_train.training.examples import TrainingBatch
 from ninedtact_train.training.settings import (
     NO_AUGMENTATION,
-    Augmentation,
-    GeometricAugmentation,
     HeightPerturbations,
     PhotometricPerturbations,
 )
@@ -96,30 +93,11 @@ def test_moving_the_image_and_moving_the_wrench_come_to_the_same(name: str) -> N
     assert ((law(after.images) - after.wrench).abs() / size).max() < 0.04
 
 
-def test_signs_of_a_mirrored_wrench() -> None:
-    one = replace(batch(1), wrench=torch.arange(1.0, 7.0)[None])
-    along_x = transform_training_batch(one, moves(mirror=[[-1.0, 1.0]]), MM_PER_PX)
-    along_y = transform_training_batch(one, moves(mirror=[[1.0, -1.0]]), MM_PER_PX)
-    assert along_x.wrench[0].tolist() == [-1, 2, 3, 4, -5, -6]
-    assert along_y.wrench[0].tolist() == [1, -2, 3, -4, 5, -6]
-    assert torch.allclose(along_x.images, one.images.flip(2), atol=1e-6)
-
-
 def test_a_scaled_image_has_a_wider_dent_and_the_same_wrench() -> None:
     one = batch(1)
     wider = transform_training_batch(one, moves(scale=[1.1]), MM_PER_PX)
     assert torch.equal(wider.wrench, one.wrench)
     assert float(wider.images.sum() / one.images.sum()) == pytest.approx(1.21, rel=0.01)
-
-
-def test_chance_decides_and_nothing_else() -> None:
-    again = [
-        augment_batch(Augmentation(), batch(8), MM_PER_PX, torch.Generator().manual_seed(seed)) for seed in (3, 3, 4)
-    ]
-    assert torch.equal(again[0].images, again[1].images) and torch.equal(again[0].wrench, again[1].wrench)
-    assert not torch.equal(again[0].images, again[2].images)
-    same = augment_batch(NO_AUGMENTATION, batch(8), MM_PER_PX, torch.Generator().manual_seed(3))
-    assert torch.allclose(same.images, batch(8).images, atol=1e-5) and torch.equal(same.wrench, batch(8).wrench)
 
 
 def test_errors_of_heights_are_as_large_as_asked_for() -> None:
@@ -144,9 +122,3 @@ def test_a_brighter_lamp_changes_image_and_reference_alike_and_drift_the_referen
     drift = perturb_light(PhotometricPerturbations(0.0, 0.01, 0.0), lit, torch.Generator().manual_seed(0))
     assert drift.references is not None and torch.equal(drift.images, grey)
     assert float(drift.references.mean((1, 2)).std()) == pytest.approx(1, rel=0.15)
-
-
-def test_as_often_mirrored_as_not() -> None:
-    drawn = sample_transforms(GeometricAugmentation(), 4000, torch.Generator().manual_seed(0))
-    assert drawn.mirror.mean(0).abs().max() < 0.06 and (drawn.mirror.abs() == 1).all()
-    assert float((drawn.rotation_rad != 0).float().mean()) == pytest.approx(0.5, abs=0.05)

@@ -74,17 +74,6 @@ def test_numbers_become_newtons_about_the_centre_of_the_skin(original: OriginalN
     assert (found.wrench.about_mm == 0).all() and (WRENCH_MIN < WRENCH_MAX).all()
 
 
-def test_it_is_shown_the_mixed_image_as_it_is() -> None:
-    network = Fixed([0.0] * 6)
-    OriginalNetworkForce(network).parts(reading(1.0))
-    assert network.shown.shape == (1, 3, ROWS, COLS)
-    assert network.shown[0, :, 150, 250].tolist() == [140, 0, 90] and network.shown[0, :, 10, 10].tolist() == [
-        140,
-        0,
-        0,
-    ]
-
-
 def test_untouched_skin_has_no_force_whatever_the_network_says(original: OriginalNetworkForce) -> None:
     found = original.estimate(reading(0.0))
     assert not found.touching and not found.wrench.six.any()

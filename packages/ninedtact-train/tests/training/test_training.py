@@ -11,7 +11,7 @@ import pytest
 import torch
 from toy import IMAGES, PAIRS, ROWS, of_heights, of_images, toy_settings
 
-from ninedtact.errors import DatasetError, FileFormatError, ForceEstimationError, InputError, OutputError
+from ninedtact.errors import DatasetError, FileFormatError, ForceEstimationError, OutputError
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact_train.dataset.folder import begin_or_resume_folder, interrupt_as_stopped
 from ninedtact_train.dataset.split import SplitRows
@@ -140,22 +140,6 @@ class Interrupted(Counting):
         return super().loss(*given)
 
 
-class WorseInTheEnd(Counting):
-    """The third epoch unlearns."""
-
-    good_steps = 8
-
-    def loss(self, *given: object) -> tuple[torch.Tensor, torch.Tensor]:
-        total, error = super().loss(*given)
-        return total * (1 if self.steps <= self.good_steps else -1), error
-
-
-class WorseAtOnce(WorseInTheEnd):
-    """What is left after two epochs."""
-
-    good_steps = 0
-
-
 class Watched(ForceTraining):
     """Keeps the wrenches that were learnt."""
 
@@ -174,39 +158,6 @@ def test_gone_on_with_after_a_stop_it_learns_the_same(tmp_path: Path) -> None:
     assert rows_again == rows
     for name, part in weights_of(whole).items():
         assert torch.equal(part, weights_of(again)[name]), name
-
-
-def test_a_training_of_ten_steps_ends(tmp_path: Path) -> None:
-    rows, settings = SplitRows(np.arange(32), np.arange(32, 40)), replace(toy_settings(), epochs=10)
-    objects = ["none" if number % 8 == 0 else f"object_{number % 5}" for number in range(PAIRS)]
-    examples = replace(of_heights(), objects=objects)
-    learner = ForceTraining(settings, fit_label_scaling(examples.wrench[rows.train], settings))
-    history = fit_network(launch_fabric(CPU), learner, examples, rows, tmp_path)
-    trained = TrainedNetwork(learner.model.eval(), examples, rows, settings)
-    card = trained.build_card(trained.evaluate_held_out(), history, "little", "MIT")
-    assert len(history.epochs) == card.training.epochs == 10
-    assert card.training.objects == 5, "the absence of an object is none"
-
-
-def test_the_best_epoch_stays_the_best_where_the_folder_is_moved_between_two_runs(tmp_path: Path) -> None:
-    settings = toy_settings(schedule="constant", optimiser="adam")
-    whole, rows = fitted(tmp_path / "whole", settings, WorseInTheEnd)
-    with pytest.raises(DatasetError):
-        fitted(tmp_path / "stopped", settings, Interrupted)
-    (tmp_path / "stopped").rename(tmp_path / "moved")
-    again, rows_again = fitted(tmp_path / "moved", settings, WorseAtOnce)
-    assert rows_again == rows and min(rows, key=lambda row: row["val_loss"])["epoch"] <= 2
-    for name, part in weights_of(whole).items():
-        assert torch.equal(part, weights_of(again)[name]), name
-    assert not (tmp_path / "stopped").exists()
-
-
-def test_half_precision_is_not_for_labels(tmp_path: Path) -> None:
-    settings = replace(toy_settings(augmentation=NO_AUGMENTATION), epochs=1)
-    learner = Watched(settings, fit_label_scaling(of_heights().wrench[ROWS.train], settings))
-    run(learner, tmp_path, precision="bf16-mixed")
-    known = {tuple(six) for six in of_heights().wrench.tolist()}
-    assert {tuple(six) for six in torch.cat(learner.seen).tolist()} <= known
 
 
 def test_examples_are_mirrored_about_the_centre_of_the_skin_wherever_their_torques_are_about(
@@ -247,11 +198,6 @@ def test_the_papers_labels_are_parts_of_ranges_below_the_skin(tmp_path: Path) ->
     assert not evaluation.coverage and evaluation.predictions.about_mm == (0.0, 0.0, 0.0)
 
 
-def test_settings_that_train_nothing_are_refused() -> None:
-    with pytest.raises(InputError, match="epochs"):
-        replace(toy_settings(), epochs=0)
-
-
 @pytest.mark.parametrize(
     ("examples", "rows", "says"),
     [
@@ -267,21 +213,6 @@ def test_what_cannot_be_learnt_from_is_refused(
     with pytest.raises(ForceEstimationError, match=says):
         train_network(examples, rows, toy_settings(), tmp_path / "out", machine=CPU)
     assert not (tmp_path / "out").exists()
-
-
-def test_wrenches_of_a_sensor_without_torques_are_refused(tmp_path: Path) -> None:
-    forces = of_heights().wrench * np.float32([1, 1, 1, 0, 0, 0])
-    with pytest.raises(ForceEstimationError, match="got the same Tx, Ty, Tz in all 128 training pairs"):
-        train_network(replace(of_heights(), wrench=forces), ROWS, toy_settings(), tmp_path / "out", machine=CPU)
-
-
-def test_labels_that_are_no_numbers_are_refused() -> None:
-    wrench = of_heights().wrench.copy()
-    wrench[[7, 9], 2] = np.nan
-    with pytest.raises(ForceEstimationError, match="2 of 160 that are not, the first in row 7"):
-        replace(of_heights(), wrench=wrench)
-    with pytest.raises(ForceEstimationError, match="other lengths"):
-        replace(of_heights(), objects=["ball"])
 
 
 def test_another_training_in_the_same_folder_is_refused(trained: TrainingResult, tmp_path: Path) -> None:
@@ -309,8 +240,3 @@ def test_processes_of_one_training_open_its_folder_at_once(tmp_path: Path) -> No
         (out / "settings.json").write_text("[1]")
         with pytest.raises(OutputError, match="another name"):
             begin_or_resume_folder(out, {"name": "one"})
-
-
-def test_wrenches_at_one_modulus() -> None:
-    softer = of_heights().scale_to_design_modulus(np.full(PAIRS, 0.186))
-    np.testing.assert_allclose(softer.wrench, of_heights().wrench / 2, rtol=1e-6)

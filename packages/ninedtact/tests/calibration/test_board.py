@@ -10,8 +10,7 @@ from known_sensor import KnownSensor, with_board
 
 from ninedtact.calibration.board.board_fit import BoardFit, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound, find_board_candidate
-from ninedtact.calibration.board.lens_fit import fit_lens_with_terms, rms_vector_length
-from ninedtact.calibration.guidance import search_board_pins
+from ninedtact.calibration.board.lens_fit import rms_vector_length
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import load_sensor
@@ -43,7 +42,7 @@ def test_a_known_lens_is_recovered(straight: BoardFit) -> None:
     assert straight.lens_fit.leave_one_out_rms_mm < 0.02
 
 
-@pytest.mark.parametrize("board", [PinBoard(8, 10, 2.0), PinBoard(9, 13, 1.5)], ids=str)
+@pytest.mark.parametrize("board", [PinBoard(8, 10, 2.0)], ids=str)
 def test_any_board(board: PinBoard) -> None:
     sensor = with_board(board)
     images = sensor.images()
@@ -60,11 +59,10 @@ def test_missing_pins_are_predicted_and_named() -> None:
     assert np.abs(fit.points_px[~fit.found] - truth_px).max() < 1.0
 
 
-@pytest.mark.parametrize("shift_px", [(0, 60), (-60, 0)], ids=str)
-def test_pins_that_lie_beyond_the_image_are_predicted(shift_px: tuple[int, int]) -> None:
+def test_pins_that_lie_beyond_the_image_are_predicted() -> None:
     """A camera that is turned a little and mounted off the middle leaves a corner of the board out of view."""
     camera = np.column_stack([cv2.getRotationMatrix2D((319.5, 239.5), 8, 1)[:, :2], (0.0, 0.0)])
-    camera[:, 2] = np.array([319.5, 239.5]) - camera[:, :2] @ (319.5, 239.5) + shift_px
+    camera[:, 2] = np.array([319.5, 239.5]) - camera[:, :2] @ (319.5, 239.5) + (0, 60)
     straight = KnownSensor().images()
     images = CalibrationImages(
         *(
@@ -83,12 +81,6 @@ def test_too_many_missing_pins_are_counted() -> None:
     with pytest.raises(BoardNotFound, match="expected 63 pins") as refusal:
         fit_board(images.board_reference, images.board, BOARD)
     assert 30 <= refusal.value.found_pins <= 52 and refusal.value.expected_pins == 63
-
-
-def test_a_missing_side_could_be_any_row() -> None:
-    images = KnownSensor().images(skip=tuple(range(0, 63, 9)))
-    with pytest.raises(BoardNotFound):
-        fit_board(images.board_reference, images.board, BOARD)
 
 
 @pytest.mark.parametrize(("turns", "mounting"), [(1, "auto"), (2, "known"), (3, "known")])
@@ -117,15 +109,6 @@ def turned_px(point, turns: int):
 def board_a(real_images: dict[str, CalibrationImages]) -> BoardFit:
     """The board of sensor A."""
     return fit_board(real_images["a"].board_reference, real_images["a"].board, BOARD)
-
-
-def test_left_out_errors_equal_those_of_refitting(board_a: BoardFit) -> None:
-    fit, refitted = board_a, []
-    for pin in range(len(fit.points_mm)):
-        others = np.arange(len(fit.points_mm)) != pin
-        lens = fit_lens_with_terms(fit.points_mm[others], fit.points_px[others], (480, 640), len(fit.lens.radial)).lens
-        refitted.append(lens.to_mm(fit.points_px[pin : pin + 1])[0] - fit.points_mm[pin])
-    assert rms_vector_length(np.array(refitted)) == pytest.approx(fit.lens_fit.leave_one_out_rms_mm, rel=0.05)
 
 
 ALTERED = {
@@ -167,19 +150,6 @@ def test_untouched_skin_is_no_board(real_images: dict[str, CalibrationImages]) -
     images = real_images["j"]
     with pytest.raises(BoardNotFound, match="nothing touched"):
         fit_board(images.ball_reference, images.ball, BOARD)
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_press_without_a_single_pin_is_no_warning_of_the_program(real_images: dict[str, CalibrationImages]) -> None:
-    images = real_images["j"]
-    pins = search_board_pins(images.ball_reference, images.ball, SensorDesign(), CalibrationSettings())
-    assert (pins.found, pins.expected, pins.side, pins.has_lens) == (0, 63, "", False)
-
-
-def test_noise_is_no_board() -> None:
-    noise = [np.random.default_rng(seed).integers(0, 255, (480, 640, 3), np.uint8) for seed in (0, 1)]
-    with pytest.raises(BoardNotFound):
-        fit_board(*noise, BOARD)
 
 
 @pytest.mark.parametrize(("level", "word"), [(0, "lit"), (255, "overexposed")])
@@ -237,7 +207,7 @@ def test_a_smooth_correction_follows_what_no_lens_model_does(tmp_path: Path) -> 
     assert loaded.record == folder.record and "with a smooth correction on top of the lens model" in page
 
 
-@pytest.mark.parametrize("letter", "aij")
+@pytest.mark.parametrize("letter", "aj")
 def test_real_boards_need_no_correction_until_they_are_dented(
     letter: str, real_images: dict[str, CalibrationImages]
 ) -> None:
@@ -256,13 +226,6 @@ def dark_columns(left: float, *contrasts: float) -> np.ndarray:
     across = sum(each * np.exp(-((x - left - 40 * n) ** 2) / 2 / 5.0**2) for n, each in enumerate(contrasts))
     down = sum(np.exp(-((y - 80 - 40 * n) ** 2) / 2 / 5.0**2) for n in range(4))
     return (-across * down).astype(np.float32)
-
-
-def test_of_a_wider_lattice_the_part_with_most_contrast_is_the_board() -> None:
-    candidate = find_board_candidate(dark_columns(60, 1, 5, 5, 5, 5, 5, 2), PinBoard(4, 5), 0)
-    assert candidate is not None and len(candidate.lattice) == 20
-    np.testing.assert_allclose(candidate.lattice.points_px.min(axis=0), [100, 80], atol=1)
-    np.testing.assert_allclose(candidate.lattice.points_px.max(axis=0), [260, 200], atol=1)
 
 
 @pytest.mark.parametrize(("board", "mounting"), [(PinBoard(4, 5), 0), (PinBoard(5, 4), 90)])
@@ -296,12 +259,9 @@ def test_a_board_across_the_image_is_warned_of(real_images: dict[str, Calibratio
         assert any("17% of the height map is out of the camera's view" in text for text in warnings) == is_warned
 
 
-@pytest.mark.parametrize("cut", [np.s_[120:840, :], np.s_[:, 220:1060]], ids=["a wide mode", "a narrow one"])
-def test_a_mode_that_cuts_the_board_is_named(
-    real_images: dict[str, CalibrationImages], cut: tuple[slice, slice]
-) -> None:
+def test_a_mode_that_cuts_the_board_is_named(real_images: dict[str, CalibrationImages]) -> None:
     pair = (
-        np.ascontiguousarray(cv2.resize(image, None, fx=2, fy=2)[cut])
+        np.ascontiguousarray(cv2.resize(image, None, fx=2, fy=2)[120:840])
         for image in (real_images["a"].board_reference, real_images["a"].board)
     )
     with pytest.raises(BoardNotFound, match="pins lie beyond the border of the image: this mode of the camera cuts"):

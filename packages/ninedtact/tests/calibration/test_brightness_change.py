@@ -61,19 +61,3 @@ def test_pressed_skin_is_dark_with_a_bright_rim_and_a_stain_is_not(rim: float, i
         assert (contact.x_mm, contact.y_mm) == pytest.approx((1, -2), abs=0.02)
         assert contact.area_mm2 == pytest.approx(np.pi * 1.5**2, rel=0.02)
         assert contact.change == pytest.approx(-0.06)
-
-
-def test_a_released_contact_is_told_from_a_new_one() -> None:
-    pressed = spot(0, 0, -0.08, 1.0) + spot(0, 0, 0.03, 2.0)
-    new, released = plain(pressed), plain(-pressed)
-    (mark,) = new.new_contacts
-    assert (mark.x_mm, mark.y_mm) == pytest.approx((0, 0), abs=0.05)
-    assert released.new_contacts == []
-
-
-def test_what_is_out_of_view_has_no_part_in_it() -> None:
-    seen = SEEN.copy()
-    seen[:, :40] = False
-    change = change_of(1 + np.where(seen, 0, 0.5), seen=seen)
-    assert change.gain == pytest.approx(1, abs=2e-3) and not change.residue[~seen].any()
-    assert change.marks_of(1) == [] or change.marks_of(1)[0].x_mm < -7.3  # the border itself is smoothed

@@ -29,7 +29,7 @@ from ninedtact.calibration.certificate.checks import (
     overall_check_level,
 )
 from ninedtact.calibration.certificate.html_page import render_certificate_html
-from ninedtact.calibration.certificate.plot_board import arrow_magnification, draw_board_not_found
+from ninedtact.calibration.certificate.plot_board import draw_board_not_found
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import (
     BallQuality,
@@ -185,23 +185,6 @@ def test_every_check_fails_by_its_own_figure_alone_and_says_what_to_do() -> None
         assert [line.level for line in lines].count("fail") == 1, name
 
 
-def test_warning_alone_keeps_the_whole_from_passing() -> None:
-    warned = msgspec.structs.replace(GOOD, warnings=["the light drifted"])
-    assert overall_check_level(warned) == "warn" and "read the warnings" in certificate_headline(warned)
-
-
-def test_many_warned_checks_are_worse_than_one() -> None:
-    warned, expected = GOOD, ["pass", "warn", "warn", "warn", "poor"]
-    for name, level in zip(
-        ("asymmetry", "noise_mm", "overexposed_fraction", "cross_validation_mae_mm"), expected[1:], strict=True
-    ):
-        warned = with_figure(warned, "ball", name, {"asymmetry": 0.2, "noise_mm": 0.02}.get(name, 0.04))
-        assert overall_check_level(warned) == level
-    assert "4 of 13 checks warned (affects shape, force and twin)" in certificate_headline(
-        warned
-    ) and "Calibrate again" in certificate_headline(warned)
-
-
 @given(st.sampled_from(FIGURES), st.data())
 def test_worse_figure_never_improves_a_line(figure: tuple[str, str, int], data: st.DataObject) -> None:
     part, name, worse = figure
@@ -228,13 +211,6 @@ def test_refused_board_is_drawn_with_the_spots_that_were_seen() -> None:
     assert (distance.min(axis=0) < 8).all() and (distance.min(axis=1) < 10).all()
     nowhere = np.array([[1e12, 3.0], [np.nan, 2.0]])
     assert draw_board_not_found(BoardNotFound("no board", 0, 63, nowhere, change)).shape == (240, 320, 3)
-
-
-@given(st.floats(1e-6, 2.0))
-def test_arrows_are_magnified_by_a_round_factor_and_stay_near_their_pin(longest_mm: float) -> None:
-    factor = arrow_magnification(np.array([[0.0, longest_mm], [0.0, 0.0]]), 2.5)
-    assert factor == 1 or factor * longest_mm <= 1.5 * 2.5
-    assert str(factor).rstrip("0") in {"1", "2", "5"}
 
 
 def with_figure(certificate: Certificate, part: str, name: str, value: float | list[str]) -> Certificate:

@@ -41,19 +41,6 @@ def test_the_disc_is_found_where_it_is() -> None:
     np.testing.assert_allclose(circle.distance_px(SHAPE)[72, [105, 135]], [0, 30], atol=0.3)
 
 
-def test_an_uneven_rim_leans_to_its_brighter_side() -> None:
-    ring = (np.hypot(COL - 105, ROW - 72) > 1.1 * RADIUS_PX) & (np.hypot(COL - 105, ROW - 72) < 1.6 * RADIUS_PX)
-    expected = 0.4 * disc(40.0)[ring].mean() / 40
-    assert found(disc(40.0, lean=0.4)).asymmetry_vector == pytest.approx((expected, 0), abs=0.005)
-
-
-def test_a_disc_whose_rim_is_dark_on_one_side_is_found_from_the_rest() -> None:
-    shaded = (np.abs(np.arctan2(ROW - 72, COL - 105) - 0.5) < 0.4) & (np.hypot(ROW - 72, COL - 105) > 20)
-    circle = found(np.where(shaded, np.minimum(disc(40.0), -3.0), disc(40.0)))
-    assert circle.centre_px == pytest.approx((105, 72), abs=0.5)
-    assert circle.radius_px == pytest.approx(RADIUS_PX, abs=0.5)
-
-
 def ball_press(radius_px: float = 32.0) -> BallPress:
     """A press of a pixel of a tenth of a millimetre, of which only the circle is asked."""
     before = Rectified(np.full(SHAPE, 80, np.float32), 0.1)

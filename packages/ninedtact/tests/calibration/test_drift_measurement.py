@@ -14,12 +14,11 @@ from ninedtact.calibration.drift.reference_check import (
     CalibratedReference,
     DriftMeasurement,
     ReferenceImageChecker,
-    describe_new_contact,
     measure_drift,
 )
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.errors import InputError
-from ninedtact.quantities import BgrImage, Frame, Rectified, centred_axis_mm
+from ninedtact.quantities import BgrImage, Frame, centred_axis_mm
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.lens_and_rectification import LensModel, rectification_of_projection
 from ninedtact.shape.skin_identity import SkinMotion, measure_skin_motion
@@ -134,14 +133,6 @@ def test_the_motion_of_a_drawn_skin_is_found_at_any_size(x: float, y: float, tur
     assert np.corrcoef(back[inside].ravel(), image_of(there[0], 7)[inside].ravel())[0, 1] > 0.9
 
 
-def test_the_worst_height_of_a_changed_reference_is_that_of_the_change() -> None:
-    assert known().worst_height_mm(image_of(0.95 * texture(0), 3)) == pytest.approx(0.05 * MM_PER_CHANGE, rel=0.08)
-    flat = replace(known(), depth_image=np.full((*RAW_SHAPE, 3), 120, np.uint8))
-    darker = np.where(np.hypot(X, Y) < 2.2, 0.8, 1.0)  # five hundredths of the view
-    raw = cv2.resize(darker, RAW_SHAPE[::-1])
-    assert flat.worst_height_mm(image_of(raw, 3, grey=120)) == pytest.approx(0.2 * MM_PER_CHANGE, rel=0.1)
-
-
 def test_findings_state_where_how_much_and_the_height_that_they_would_feign() -> None:
     slope = -0.08 * (X + 0.01 * Y) / (X + 0.01 * Y).max()  # dimmest at the lower right, by 8 %
     findings = diagnose_drift(drift(change=unchanged(gain=1.1, field=slope), colour=(-0.1, 0.0, 0.1)))
@@ -183,13 +174,6 @@ def test_another_gel_is_told_from_a_press(
     assert names(measured) == found
 
 
-def test_heights_of_a_difference_need_the_grey_level() -> None:
-    steps = replace(known(), curve=replace(CURVE, signal="difference", darkening=(0.0, 30.0)))
-    changes, grey = np.array([-0.1, 0.1, 0.2]), np.array([100.0, 100.0, 50.0])
-    np.testing.assert_allclose(steps.height_mm(changes, grey), [0.6, 0.6, 0.6])
-    np.testing.assert_allclose(known().height_mm(changes, grey), [0.6, 0.6, 1.2])
-
-
 def test_the_motion_since_the_board_is_told_from_that_since_the_ball() -> None:
     today = image_of(texture(0), 4)
     board = replace(known(), lens_image=image_of(shifted(texture(0), 3, 0, 0), 8))
@@ -217,20 +201,6 @@ def test_a_reference_with_a_contact_or_of_another_sensor_is_refused_and_slow_cha
     with pytest.raises(InputError, match="show sensor small without contact, got a fault; something"):
         check.require_faultless([Frame(image_of(untouched * press, 4))])
     assert ReferenceImageChecker("imported", None).find_faults([Frame(image_of(untouched * press, 4))]) == ()
-
-
-def test_the_strongest_new_contact_is_described() -> None:
-    before = Rectified(np.full(SHAPE, 120, np.float32), MM_PER_PX)
-
-    def against(factor: np.ndarray) -> str | None:
-        noise = np.random.default_rng(0).normal(0, 0.1, SHAPE)
-        now = Rectified((120 * factor + noise).astype(np.float32), MM_PER_PX)
-        return describe_new_contact(before, now, np.ones(SHAPE, bool))
-
-    assert against(np.ones(SHAPE)) is None and against(1 - PRESSED) is None  # released
-    dents = 1 + np.roll(PRESSED, 40, axis=1) + 0.6 * np.roll(PRESSED, -50, axis=1)
-    described = against(dents)
-    assert described is not None and "around (4.0, " in described and "dimmer over 1" in described
 
 
 def test_two_skins_or_a_moved_camera_between_the_presses_are_warned_of() -> None:

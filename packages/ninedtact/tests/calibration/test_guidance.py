@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from drawn_presses import DrawnPresses
 
 from ninedtact.calibration.guidance import (
@@ -12,7 +11,6 @@ from ninedtact.calibration.guidance import (
     guided_capture_steps,
     make_still_press_watcher,
     make_untouched_skin_watcher,
-    peak_local_brightness_change,
     search_board_pins,
 )
 from ninedtact.calibration.settings import CalibrationSettings
@@ -47,13 +45,6 @@ def hold(watch: Watch, image: BgrImage) -> CalibrationStepAdvice:
     return last
 
 
-def test_pins_that_are_missing_are_counted_on_their_side() -> None:
-    press = DrawnPresses(missing=LOWER_RIGHT).images().board
-    pins = search_board_pins(DRAWN.board_reference, press, DESIGN, SETTINGS)
-    assert (pins.expected, pins.found, pins.has_lens, pins.side) == (63, 60, True, "lower right")
-    assert len(pins.missing_px) == 3 and pins.contrast_grey_levels > 14 * pins.noise_grey_levels
-
-
 def test_the_side_of_a_board_without_a_lens_is_opposite_to_the_pins_that_were_found() -> None:
     left = tuple((column, row) for column in range(5, 10) for row in range(1, 8))
     press = DrawnPresses(missing=left).images().board
@@ -66,11 +57,6 @@ def test_advice_about_the_exposure() -> None:
     image = grey(120)
     image[:2] = 255  # a thirtieth of the image
     assert "overexposed" in exposure_advice(image)
-
-
-def test_the_change_is_the_largest_one_beside_that_of_the_whole_image() -> None:
-    assert peak_local_brightness_change(UNTOUCHED, grey(140, (100, 120))) == pytest.approx(0, abs=1e-4)
-    assert peak_local_brightness_change(UNTOUCHED, touched(6)) == pytest.approx(6, rel=1e-3)
 
 
 def test_untouched_skin_is_still_lit_and_like_before() -> None:
@@ -119,14 +105,6 @@ def test_a_good_ball_is_taken_when_it_is_still() -> None:
     assert hold(watch, DRAWN.ball).sentence.startswith("ball taken: 1.")
     assert watch(DRAWN.ball_reference).image is None
     assert watch(DRAWN.ball).sentence.endswith("hold still 1/8")  # what cannot be measured starts the wait anew
-
-
-def test_the_fourth_still_ball_is_taken_as_it_is() -> None:
-    watch, shallow = ball_watcher(), DrawnPresses(press_mm=0.7).images().ball
-    said = [watch(shallow) for _ in range(32)]
-    assert [number for number, one in enumerate(said, start=1) if one.image is not None] == [32]
-    assert all(one.sentence.endswith("press deeper") for one in said[:31])
-    assert said[31].sentence.startswith("ball taken: 0.")
 
 
 def test_the_steps_come_in_the_order_of_the_images() -> None:

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from ninedtact.calibration.certificate.checks import LENGTH_CHECKS, compute_certificate_checks
 from ninedtact.calibration.certificate.length_evidence import LengthClue, ball_clues, board_clues, weigh_length_clues
@@ -52,13 +50,6 @@ def test_a_wrong_pitch_is_noticed_and_the_true_one_named(factor: float) -> None:
     assert found.likely_pitch_mm == pytest.approx(2.5 / factor, rel=0.03)
 
 
-@given(st.floats(1.0, 1.35), st.floats(0, 0.3), st.booleans())
-def test_a_larger_error_is_suspected_more(factor: float, more: float, of_radius: bool) -> None:
-    name = "radius" if of_radius else "pitch"
-    less, larger = (seen_with(**{name: one}).wrong_probability for one in (factor, factor * (1 + more)))
-    assert larger >= less - 1e-3
-
-
 @pytest.mark.parametrize("one", range(len(MIDDLE)))
 @pytest.mark.parametrize("far", [-8.0, 8.0])
 def test_one_clue_alone_however_far_is_a_sensor_unlike_others(one: int, far: float) -> None:
@@ -69,7 +60,7 @@ def test_one_clue_alone_however_far_is_a_sensor_unlike_others(one: int, far: flo
     assert weigh_length_clues(clues, DESIGN).wrong_probability < 0.25
 
 
-@pytest.mark.parametrize("sensor", ["a", "i", "j"])
+@pytest.mark.parametrize("sensor", ["a", "j"])
 def test_a_real_board_tells_a_wrong_pitch_without_a_ball(
     sensor: str, real_images: dict[str, CalibrationImages]
 ) -> None:

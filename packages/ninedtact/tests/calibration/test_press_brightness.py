@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.brightness_change import (
-    estimate_camera_noise,
-    estimate_pixel_noise,
     flat_fielded_brightness_change,
     require_same_image_size,
     require_usable_exposure,
@@ -21,14 +19,6 @@ def columns(*levels: float) -> np.ndarray:
 def test_a_change_is_that_under_uniform_light() -> None:
     change = flat_fielded_brightness_change(columns(200, 100, 60), columns(100, 150, 30))
     np.testing.assert_allclose(change, np.tile([-60, 60, -60], (5, 1)), rtol=1e-5)  # by half of 120, the mean
-
-
-def test_the_noise_of_a_pixel_is_found_beside_smooth_content() -> None:
-    y, x = np.mgrid[:200, :300]
-    smooth = 40 * np.sin(x / 60) + 0.3 * y
-    noisy = (smooth + np.random.default_rng(0).normal(0, 2, smooth.shape)).astype(np.float32)
-    assert estimate_pixel_noise(noisy) == pytest.approx(2, rel=0.02)
-    assert estimate_camera_noise(noisy) == pytest.approx(2 / np.sqrt(2), rel=0.02)
 
 
 def test_dark_and_overexposed_images_and_two_sizes_are_refused() -> None:

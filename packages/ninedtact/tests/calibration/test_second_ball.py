@@ -23,12 +23,8 @@ from ninedtact.calibration.sensor_toml_schema import Certificate, StoredCalibrat
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.calibration.twin.ball_press_fit import prior_of_base
 from ninedtact.calibration.twin.fit_parameters import (
-    fit_parameters,
-    join_presses,
     model_error_share,
     parameters_of_press,
-    press_count_of,
-    split_by_press,
 )
 from ninedtact.cli import main
 from ninedtact.design import BallGauge, DesignImpossible, Gel, SensorDesign
@@ -36,20 +32,8 @@ from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import BgrImage
 from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
 from ninedtact.simulation.calibration_images import CALIBRATION_SOLVER_SETTINGS
-from ninedtact.simulation.calibration_press_models import BallPressParameters
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
-
-FIRST = BallPressParameters(0.6, -0.4, 1.3, 0.3, -0.2, 2.3, 0.5, 0.5, 0.05, 0.12)
-SECOND = replace(FIRST, x_mm=-1.0, y_mm=2.0, depth_mm=0.9, drag_x_mm=0.0)
-
-
-def test_presses_share_gel_and_view_and_nothing_else() -> None:
-    vector = join_presses([FIRST, SECOND])
-    assert (press_count_of(vector), vector.size, len(fit_parameters(2))) == (2, 15, 15)
-    assert split_by_press(vector) == [FIRST, SECOND]
-    for number, press in enumerate((FIRST, SECOND)):
-        np.testing.assert_array_equal(vector[parameters_of_press(number)], press.vector)
 
 
 def test_a_base_far_from_the_usual_one_is_rare_and_not_excluded() -> None:
@@ -89,11 +73,6 @@ def test_no_press_makes_anything_less_certain_and_the_best_comes_first(plan) -> 
     weighed = by_name["the same ball on a kitchen scale"]
     assert weighed.relative_load < 0.05 < 0.2 < same.relative_load
     assert weighed.depth_mm == pytest.approx(same.depth_mm, rel=0.05), "a load alone does not tell the depth"
-
-
-def test_a_base_that_is_rigid_by_design_leaves_no_doubt_of_it() -> None:
-    rigid = SensorDesign(gel=Gel(gel_to_base_modulus_ratio=0.0))
-    assert plan_second_press(known_press_of_design(rigid)).alone.modulus_ratio < 1e-4
 
 
 def test_the_plan_is_printed_and_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -192,7 +171,3 @@ def test_a_person_is_guided_through_the_second_ball_too() -> None:
 def test_a_base_that_no_sensor_has_is_refused(ratio: float, said: str) -> None:
     with pytest.raises(DesignImpossible, match=said):
         SensorDesign(gel=Gel(gel_to_base_modulus_ratio=ratio))
-
-
-def test_the_balls_of_a_design() -> None:
-    assert SensorDesign(ball=BallGauge(5.0, 3.0)).ball.second.radius_mm == 3.0

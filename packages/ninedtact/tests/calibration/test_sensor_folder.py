@@ -40,12 +40,10 @@ from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.cli import main
 from ninedtact.cli.calibrate import CalibrateCommand
-from ninedtact.cli.demo import Demo
 from ninedtact.cli.original_calibration import ImportCalibrationCommand
 from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.errors import CalibrationError, ForceEstimationError, InputError
 from ninedtact.force.estimator_and_scale import ForceScale, NoForceEstimator, write_force_scale
-from ninedtact.quantities import Frame
 
 
 @pytest.fixture
@@ -74,14 +72,6 @@ def test_a_choice_of_a_calibration_that_does_not_exist_is_refused(choice: dict[s
     (name, value), *_ = choice.items()
     with pytest.raises(InputError, match=f"^expected {name} to be one of .*, got {value!r}"):
         CalibrationSettings(**choice)
-
-
-def test_the_read_sensor_measures_as_the_calibrated_one(folder: Path, calibrated_a: Calibration) -> None:
-    shape, images = load_sensor(folder).shape, calibrated_a.images
-    height = shape.depth_reader(Frame(images.ball_reference))(shape.rectify(Frame(images.ball)))
-    assert height.indentation_mm.max() == pytest.approx(calibrated_a.ball.max_indentation_mm, abs=0.03)
-    untouched = shape.depth_reader(Frame(images.ball_reference))(shape.rectify(Frame(images.ball_reference)))
-    assert np.abs(untouched.z_mm).max() < 1e-3
 
 
 @pytest.mark.parametrize("version", [3, 99])
@@ -172,12 +162,6 @@ def test_every_command_with_a_sensor_says_that_it_was_edited(
     (folder / "images" / "ball.png").unlink()
     main(command.format(sensor=f"--sensor={folder}", out=tmp_path / "out").split())
     assert capsys.readouterr().err.count("sensor.toml was edited or damaged after the calibration") == 1
-
-
-def test_the_demo_says_that_its_sensor_was_edited(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    edit(folder, "noise_mm = 0.00", "noise_mm = 0.01")
-    assert Demo(sensor=folder).folder.is_edited
-    assert "sensor.toml was edited or damaged after the calibration" in capsys.readouterr().err
 
 
 def test_a_pipe_in_place_of_a_file_is_refused_at_once(folder: Path) -> None:
@@ -279,11 +263,6 @@ def test_an_older_calibration_survives_a_failed_one(folder: Path) -> None:
     assert [entry.name for entry in folder.parent.iterdir()] == [folder.name]
 
 
-def test_a_sensor_folder_moves(folder: Path, tmp_path: Path) -> None:
-    shutil.move(folder, tmp_path / "elsewhere")
-    assert load_sensor(tmp_path / "elsewhere").stored_image("board").image.shape == (480, 640, 3)
-
-
 def calibrate_command(out: Path, images: Path, names: tuple[str, ...], **options: Any) -> int:
     """Run the command on some of the images of a folder, by the method that is done soonest unless `options` say another."""
     images_given = {name: (images / f"{name}.png",) for name in names}
@@ -355,30 +334,6 @@ def test_a_calibration_says_which_later_measurements_it_removes(
     assert f"({out / 'sensor.toml, known_loads'}) was removed" in said
     assert f"({out / 'camera.toml'}) was removed" in said and "run 'ninedtact camera-delay' again" in said
     assert not (out / "force.toml").exists() and not (out / "camera.toml").exists()
-
-
-def test_images_of_a_ball_alone_change_neither_lens_nor_camera_rotation(
-    twin_sensor: SensorFolder, tmp_path: Path
-) -> None:
-    images, out, ball = twin_sensor.path / "images", tmp_path / "finger", ("ball_reference", "ball")
-    shutil.copytree(twin_sensor.path, out)
-    for options, refused in (
-        (CalibrationSettings(method="ratio", camera_rotation_deg=180), "--camera-rotation-deg 180"),
-        (CalibrationSettings(method="ratio", lens="paper"), "--lens paper"),
-    ):
-        with pytest.raises(InputError, match=f"got {refused}; .* give the images of the board as well"):
-            calibrate_command(out, images, ball, settings=options)
-    assert (
-        calibrate_command(out, images, ball, settings=CalibrationSettings(method="ratio", camera_rotation_deg=0)) == 0
-    )
-
-
-def test_an_imported_rectification_is_not_taken_together_with_a_camera(
-    twin_sensor: SensorFolder, tmp_path: Path
-) -> None:
-    with pytest.raises(InputError, match=r"beside --from-import, .* got --source; give the two images"):
-        CalibrateCommand(tmp_path / "finger", from_import=twin_sensor.path, source="sim").run()
-    assert not (tmp_path / "finger").exists()
 
 
 def test_images_of_a_ball_upgrade_an_imported_sensor(

@@ -3,7 +3,7 @@
 The images are drawn by the contact model, light and lines of sight of known presses.
 """
 
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,14 +112,6 @@ def test_the_predicted_ball_is_what_is_drawn(change: np.ndarray) -> None:
     assert np.abs(predicted).max() > 0.12
 
 
-def test_contacts_are_kept_for_other_views(model: BallPressModel) -> None:
-    model.contact(PRESS)
-    key = model.skin(PRESS), tuple(PRESS.poses(model.step_mm))
-    kept = model.cached_contacts[key]
-    model.contact(replace(PRESS, saturation=1.0, point_spread_mm=0.3))
-    assert model.cached_contacts[key] is kept
-
-
 def test_first_guesses_save_iterations_and_contacts_do_not_depend_on_those_solved_before(model: BallPressModel) -> None:
     deeper = replace(PRESS, depth_mm=1.32)
     other_model = replace(model)
@@ -190,17 +182,6 @@ BOARD_PRESS = BoardPressParameters(0.7, 0.01, -0.02, 0.49, 0.05, 0.5)
 def board_model() -> BoardPressModel:
     twin = as_drawn(problem_of(UNTOUCHED))
     return BoardPressModel(twin.gel, twin.light, BOARD, 10)
-
-
-def test_the_contact_of_the_board_is_solved_once_for_all_views(board_model: BoardPressModel) -> None:
-    contact = board_model.contact(BOARD_PRESS)
-    assert board_model.contact(replace(BOARD_PRESS, inverse_distance_per_mm=0.0, point_spread_mm=0.3)) is contact
-    assert contact.height_mm.min() == pytest.approx(-0.7, abs=0.08)
-    for other in ({"depth_mm": 0.6}, {"tilt_x_rad": 0.0}, {"tilt_y_rad": 0.0}, {"poisson_ratio": 0.45}):
-        found = board_model.contact(replace(BOARD_PRESS, **other))
-        assert np.abs(found.height_mm - contact.height_mm).max() > 0.01
-        assert list(board_model.cached_contact) == [astuple(replace(BOARD_PRESS, **other))[:4]]
-    np.testing.assert_array_equal(board_model.contact(BOARD_PRESS).height_mm, contact.height_mm)
 
 
 def test_imprints_appear_farther_out_than_pins_are(board_model: BoardPressModel) -> None:

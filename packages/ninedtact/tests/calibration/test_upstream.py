@@ -6,7 +6,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from shutil import rmtree
 
 import cv2
 import numpy as np
@@ -39,7 +38,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli.original_calibration import ExportCalibrationCommand, ImportCalibrationCommand
 from ninedtact.cli.reconstruct import ReconstructCommand
-from ninedtact.design import RectifiedImageSize, SensorDesign
+from ninedtact.design import SensorDesign
 from ninedtact.errors import FileFormatError, OutputError
 from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.depth import DepthCurve, Smoothing
@@ -85,13 +84,6 @@ def test_an_imported_sensor_shows_what_the_original_shows(real_data: Path, tmp_p
     assert sensor.id == load_sensor(tmp_path / "ours").id == "left finger"
     with pytest.raises(SensorFolderDamaged, match="imported"):
         sensor.stored_image("ball_reference")
-
-
-def test_gaps_and_dips_in_the_list_are_mended(tmp_path: Path) -> None:
-    folder = UpstreamFolder(pixel_to_depth=np.array([0.9, 0.1, 0.0, 0.3, 0.5, 0.4, 0.6])).write(tmp_path / "sensor_2")
-    sensor = import_original_calibration(folder, tmp_path / "ours")
-    export_original_calibration(sensor, tmp_path / "again")
-    np.testing.assert_allclose(arrays(tmp_path / "again")[PIXEL_TO_DEPTH], [0, 0.1, 0.2, 0.3, 0.45, 0.45, 0.6])
 
 
 def test_pixels_without_a_source_are_out_of_view_and_an_image_may_be_turned_by_180_degrees(tmp_path: Path) -> None:
@@ -245,29 +237,6 @@ def test_the_original_shows_one_of_our_sensors_to_the_nearest_pixel(tmp_path: Pa
     assert len(arrays(tmp_path / "sensor_4")[PIXEL_TO_DEPTH]) == 256  # no image is darker by more grey levels
     back = import_original_calibration(tmp_path / "sensor_1", tmp_path / "back")
     assert np.abs(back.rectification.source_px - sensor.rectification.source_px)[seen].max() <= 0.5 + 1e-3
-
-
-@pytest.mark.parametrize(("rows", "cols"), [(280, 381), (281, 380)])
-def test_a_grid_with_an_even_or_odd_side_is_shown_from_its_first_pixel_on(rows: int, cols: int, tmp_path: Path) -> None:
-    design = replace(SensorDesign(), field_of_view=RectifiedImageSize(rows, cols))
-    sensor = load_sensor(lens_sensor(tmp_path / "ours", design=design))
-    (tmp_path / "sensor_1").mkdir()  # an empty folder is filled
-    export_original_calibration(sensor, tmp_path / "sensor_1")
-    axes = np.indices((480, 640))[::-1]
-    shown = np.stack([shown_by_original(tmp_path / "sensor_1", axis, rows, cols) for axis in axes], axis=-1)
-    np.testing.assert_array_equal(shown, np.rint(sensor.rectification.source_px))
-
-
-def test_an_import_without_its_original_files_is_exported_from_its_map(tmp_path: Path) -> None:
-    folder = UpstreamFolder().write(tmp_path / "sensor_2")
-    sensor = import_original_calibration(folder, tmp_path / "ours")
-    assert sensor.record.created.microsecond == 0 and sensor.id == "sensor_2"
-    assert sensor.depth.noise_mm == pytest.approx(0.0024265, rel=0.002)  # 0.5 grey levels through this list
-    rmtree(sensor.path / "original_9dtact")
-    export_original_calibration(sensor, tmp_path / "sensor_3")
-    image = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
-    np.testing.assert_array_equal(shown_by_original(tmp_path / "sensor_3", image), shown_by_original(folder, image))
-    assert arrays(tmp_path / "sensor_3")[ROW_INDEX][0, 0] == 0 == arrays(tmp_path / "sensor_3")[ROW_INDEX][479].max()
 
 
 def test_an_export_that_would_lose_something_is_refused(tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from bench_camera import BenchCamera, BenchCapture
 from hand_fed import HandFed
-from mjpeg_camera import MjpegCamera
 from packaging.requirements import Requirement
 
 from ninedtact._version import installation_command
@@ -137,14 +136,6 @@ def test_a_camera_is_found_by_its_port_or_serial_number_whatever_its_number(tmp_
     usb_camera(bus, 4, "1-5", "A17")
     with pytest.raises(CameraError, match="expected one camera at usb:A17, got 2"):
         UvcCamera("usb:A17", opener=opener, list_devices=cameras).open()
-
-
-def test_only_a_camera_on_the_usb_has_an_address_that_outlasts_a_restart(tmp_path: Path) -> None:
-    """Neither the slot of a PCI card, which has a colon, nor a chip of the board, whose name may have a hyphen, is a USB port."""
-    for number, interface in enumerate(("0000:00:14.0", "fe801000.csi-0", "platform")):
-        camera_behind(tmp_path / "devices" / interface, tmp_path, number)
-    usb_camera(tmp_path, 3, "2-1.4", "  ")
-    assert [device.usb_addresses for device in list_cameras(tmp_path)] == [(), (), (), ("usb:2-1.4",)]
 
 
 def ioctl_number(direction: int, number: int, size: int) -> int:
@@ -270,15 +261,6 @@ def test_no_camera_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
         assert extra["what_for"] and len(EXTRAS[extra["name"]][0]) >= len(packages)
 
 
-def test_a_stream_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    with MjpegCamera() as camera:
-        assert Doctor(camera.url, json=True).run() == 0
-        (found,) = json.loads(capsys.readouterr().out)["cameras"]
-        assert found["size_px"] == [64, 48] and found["rate"]["true_hz"] > 1 and found["trouble"] is None
-        assert Doctor(camera.url).run() == 0
-        assert "64 x 48 pixels" in capsys.readouterr().out
-
-
 def test_a_recording_is_named_as_one_and_a_wrong_source_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -328,16 +310,3 @@ def test_a_camera_that_regulates_itself_is_pointed_out() -> None:
     assert "autofocus is on" in camera_settings_advice(CameraSettings(autofocus=True))[0]
     lines = camera_lines(CameraCheck("camera 0", "9DTact", trouble="expected much, got little; wait"))
     assert lines == ["  camera 0 (9DTact)", "    expected much, got little; wait"]
-
-
-def test_uneven_times_between_images_are_jitter() -> None:
-    source = HandFed()
-    for number in range(40):
-        source.show(level=number, stamp_ns=number * 10_000_000 + (number % 2) * 2_000_000)
-    assert measure_frame_rate(source, frames=35).jitter_ms == pytest.approx(2.0, rel=0.01)  # 12 and 8 ms in turn
-
-
-def test_an_extra_is_installed_from_a_checkout() -> None:
-    packages = ROOT / "packages"
-    here = f"pip install -e '{packages}/ninedtact[studio]' -e '{packages}/ninedtact-train[training]'"
-    assert installation_command("studio,train") == here

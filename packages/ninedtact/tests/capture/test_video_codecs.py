@@ -61,13 +61,6 @@ def test_a_video_has_the_rate_and_the_times_of_its_images(
     assert np.diff(stamps_ns) / 1e6 == pytest.approx(np.diff(times_ms), abs=0.1)
 
 
-def test_a_raw_stream_that_states_no_times_has_times_that_increase(tmp_path: Path) -> None:
-    write_video(tmp_path / "raw.h264", "libx264", 40 * np.arange(12), "h264")
-    with VideoFile(tmp_path / "raw.h264") as video:
-        stamps_ns = [frame.stamp_ns for frame in video]
-    assert np.diff(stamps_ns) / 1e9 == pytest.approx(11 * [1 / 25])
-
-
 def test_a_codec_without_a_decoder_is_named(tmp_path: Path) -> None:
     write_video(tmp_path / "av1.mp4", "libsvtav1", 33 * np.arange(12), "mp4")
     try:

@@ -85,26 +85,6 @@ def test_a_batch_in_torch_is_what_one_live_image_is(layout: ChannelLayout) -> No
     assert (batch.numpy() == np.stack(live)).all()
 
 
-def area_means(grey: np.ndarray, side: int) -> np.ndarray:
-    """Means of rows over equal parts, each old row counted by how much of it lies inside."""
-    edges = np.linspace(0, len(grey), side + 1)
-    at = np.arange(len(grey))
-    low, high = edges[:-1, None], edges[1:, None]
-    share = np.clip(np.minimum(high, at + 1) - np.maximum(low, at), 0, None) / (high - low)
-    return share @ grey
-
-
-def test_another_size_is_the_mean_over_each_new_pixel_of_both_images() -> None:
-    image, reference = noise(1), noise(0)
-    small = compute_image_deformation(image, reference, (120, 160))
-    before, after = (area_means(area_means(one.grey, 120).T, 160).T for one in (reference, image))
-    assert small.reference == pytest.approx(before, abs=1e-3)
-    assert small.darker - small.brighter == pytest.approx(before - after, abs=2e-3)
-    assert small.mm_per_px * 160 == pytest.approx(image.mm_per_px * 460)
-    full = compute_image_deformation(image, reference)
-    assert full.darker.mean() > 3 * small.darker.mean(), "noise is averaged before its sign is lost"
-
-
 def test_nothing_changed_is_exactly_nothing_at_every_size() -> None:
     for shape in (None, (120, 160), (60, 80), (690, 920)):
         same = compute_image_deformation(noise(0), noise(0), shape)

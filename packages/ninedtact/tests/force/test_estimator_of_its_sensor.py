@@ -82,11 +82,3 @@ def test_a_sensor_with_the_estimator_of_another_is_refused(
         pytest.raises(InputError, match="take shape and estimator from one"),
     ):
         sensor.read()
-
-
-def test_the_checksum_is_that_of_the_file(physical_sensor: SensorFolder) -> None:
-    text = (physical_sensor.path / "sensor.toml").read_text()
-    assert f'checksum = "{physical_sensor.calibration_checksum}"' in text
-    assert reading_of(physical_sensor).calibration_checksum == physical_sensor.calibration_checksum
-    renamed = SensorFolder(physical_sensor.path, msgspec.structs.replace(physical_sensor.record, id="other"))
-    assert renamed.calibration_checksum == physical_sensor.calibration_checksum

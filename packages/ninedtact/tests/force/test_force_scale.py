@@ -23,7 +23,7 @@ from ninedtact.force.estimator_and_scale import (
     read_force_scales,
     write_force_scale,
 )
-from ninedtact.quantities import EstimateWarning, Frame, HeightMap, Rectified, Traction, Wrench, WrenchEstimate
+from ninedtact.quantities import Frame, HeightMap, Rectified, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 
 NOTHING = np.zeros(6)
@@ -75,12 +75,6 @@ def test_a_load_that_contradicts_the_others_is_named() -> None:
         fit_known_loads([*known, replace(known[0], name="hook.png", weighed_n=300.0)], BASES)
 
 
-def test_a_doubtful_press_counts_less() -> None:
-    certain = [press(1, 1.2, 0.05)]
-    (sure,), (doubtful,) = certain, [replace(certain[0], warnings=(EstimateWarning.OUT_OF_RANGE,))]
-    assert fit_known_loads([sure], BASES).error < 0.7 * fit_known_loads([doubtful], BASES).error
-
-
 class Constant(ForceEstimator):
     def __init__(self, six: np.ndarray = NOTHING, name: str = "constant", model_sha256: str = "") -> None:
         self.six, self.name, self.model_sha256 = six, name, model_sha256
@@ -117,14 +111,6 @@ def test_all_six_axes_their_errors_and_the_tractions_are_scaled_together() -> No
 def test_zero_stays_zero() -> None:
     found = ScaledForceEstimator(Constant(), ForceScale(1.5)).estimate(reading())
     assert not found.wrench.six.any() and not found.touching
-
-
-def test_the_file_keeps_one_table_for_each_estimator(tmp_path: Path) -> None:
-    one, other = ForceScale(1.2, 0.05, presses=3), ForceScale(0.9, presses=2)
-    write_force_scale(tmp_path, Constant(name="physics"), one)
-    write_force_scale(tmp_path, Constant(name="network"), other)
-    assert read_force_scales(tmp_path).scales == {"physics": one, "network": other}
-    assert apply_sensor_force_scale(Constant(), tmp_path).adaptation == UNCALIBRATED
 
 
 def test_an_edited_file_is_used_with_a_notice(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from ninedtact.force.onnx_model import (
     read_force_model,
     stamp_checksum,
 )
-from ninedtact_train.evaluation.model_card_markdown import format_model_card
 
 
 def test_a_card_comes_back_as_it_was_and_the_graph_answers_any_number_of_images(tmp_path: Path) -> None:
@@ -65,18 +64,6 @@ def test_what_is_another_thing_is_refused() -> None:
     other_order = msgspec.json.encode(a_card()).replace(b"height / gel thickness", b"thickness / height")
     assert "thickness / height" in told(with_card(other_order))
     assert "card" in told(with_card(b"[1, 2]")) and "card" in told(with_card(b'{"format": 2}'))
-
-
-def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ForceModelUnusable, match="No such file"):
-        read_force_model(tmp_path / "none.onnx")
-
-
-def test_the_card_says_that_pairs_are_simulated_only_where_they_are() -> None:
-    own = format_model_card(a_card())
-    validated = msgspec.structs.replace(a_card(), evaluation={**a_card().evaluation, "all": {"pairs": 2}})
-    assert "All pairs are simulated" in format_model_card(validated)
-    assert "simulated" not in own and "Evaluated on its held-out pairs alone" in own
 
 
 def test_a_network_with_weights_that_are_no_numbers_is_refused() -> None:

@@ -1,7 +1,5 @@
 """A model as an estimator: zero exactly without contact, scaled to the gel, doubted where training did not reach."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from linear_model import SMALL, a_card, linear_model
@@ -12,11 +10,10 @@ from ninedtact.force.network_force import NetworkForce
 from ninedtact.force.network_input import (
     TYPICAL_FEATURES,
     InputChannels,
-    NetworkInputBuilder,
     NetworkInputSettings,
 )
 from ninedtact.force.onnx_model import parse_force_model
-from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified, Wrench
+from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource, Rectified
 from ninedtact.reading import Reading
 
 ROWS, COLS, MM_PER_PX = 60, 80, 0.3
@@ -66,16 +63,6 @@ def test_the_twist_that_no_image_shows_is_in_the_error_of_a_network_that_is_sure
     assert (found.std[:5] < 1e-8).all()
 
 
-def test_torques_are_told_about_the_centre_of_the_skin() -> None:
-    below = (0.0, 0.0, -35.0)
-    found = estimator(about_mm=below).estimate(reading(0.5))
-    force = found.wrench.force_n
-    expected = Wrench(force, np.zeros(3), np.array(below)).about(np.zeros(3))
-    np.testing.assert_allclose(found.wrench.torque_nm, expected.torque_nm)
-    variance = (np.arange(4, 7) ** 2) + (0.035**2) * np.array([2.0**2, 1.0, 0.0])
-    np.testing.assert_allclose(found.std[3:], np.sqrt(2 * variance))
-
-
 def test_what_training_did_not_see_is_doubted() -> None:
     assert estimator().estimate(reading(0.5)).warnings == ()
     unlike = reading(2.4)
@@ -84,36 +71,6 @@ def test_what_training_did_not_see_is_doubted() -> None:
     per_input = np.full((SMALL.rows * SMALL.cols, 6), 100.0)
     stiff.model = parse_force_model(linear_model(a_card(), per_input).SerializeToString(), "linear.onnx")
     assert EstimateWarning.OUT_OF_RANGE in stiff.estimate(reading(0.5)).warnings
-
-
-class OverlappedNetworkForce(NetworkForce):
-    """Is told by another thread to forget what it has just remembered."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        super().__setattr__(name, value)
-        if name == "_no_contact_std" and value is not None:
-            self.forget()
-
-
-class OverlappedInput(NetworkInputBuilder):
-    """Is given another reference by another thread as soon as it remembers the first one."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        super().__setattr__(name, value)
-        if name == "_reader" and getattr(value, "reference", None) is GREY[0]:
-            self.of_image(GREY[1], GREY[1])
-
-
-GREY = [Rectified(np.full((ROWS, COLS), grey, np.float32), MM_PER_PX) for grey in (100, 200)]
-
-
-def test_two_threads_that_share_a_network_do_not_share_references() -> None:
-    shared = estimator()
-    overlapped = OverlappedNetworkForce(shared.model, shared.gel)
-    np.testing.assert_array_equal(overlapped.estimate(reading(0.0)).std, shared.estimate(reading(0.0)).std)
-    builder = OverlappedInput(NetworkInputSettings(InputChannels.DEFORMATION, ROWS, COLS, MM_PER_PX))
-    darker, _, reference = builder.of_image(replace(GREY[0], grey=GREY[0].grey - 10), GREY[0])
-    assert (darker == 10).all() and (reference == 100).all()
 
 
 def test_a_model_with_sensor_features_refuses_to_run_without_them() -> None:

@@ -41,17 +41,6 @@ def test_lines_of_sight_are_undone_as_on_the_full_grid() -> None:
     assert np.abs(orthorectified_heights(replace(seen, camera_distance_mm=np.inf), settings.grid) - exact).max() > 0.2
 
 
-def test_a_dent_is_found_where_it_is_whatever_the_grid() -> None:
-    for settings in (NetworkInputSettings(), NetworkInputSettings(rows=33, cols=47, mm_per_px=0.5)):
-        z_mm = orthorectified_heights(bumpy(np.inf), settings.grid)
-        row, col = np.unravel_index(z_mm.argmin(), z_mm.shape)
-        x, y = (
-            centred_axis_mm(side, settings.mm_per_px)[at] for side, at in ((settings.cols, col), (settings.rows, row))
-        )
-        assert abs(x - 6) <= settings.mm_per_px and abs(y - 3) <= settings.mm_per_px
-        assert z_mm.min() == pytest.approx(-1.5, abs=0.05)
-
-
 @pytest.mark.parametrize(
     "channels", [InputChannels.HEIGHTS, InputChannels.HEIGHTS_AND_GEL, InputChannels.HEIGHTS_AND_SENSOR]
 )

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
-from ninedtact.force.traction.estimator import TractionForce, build_traction_force
+from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import (
     BrightnessObservationModel,
-    build_brightness_observation_model,
     cell_grid_over_image,
 )
 from ninedtact.force.traction.traction_from_brightness import SolverSettings
@@ -36,8 +35,6 @@ from ninedtact.quantities import (
     centred_axis_mm,
 )
 from ninedtact.reading import Reading
-from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import DepthCurve, GlobalDimmingModel
 from ninedtact.simulation.ground_truth import true_height_map
 
@@ -81,18 +78,6 @@ def test_the_wrench_of_a_dragged_ball_is_found(x: float, y: float, drag: float) 
     assert found.touching and not found.warnings
     np.testing.assert_allclose(found.wrench.force_n, true.force_n, atol=0.06 * load)
     np.testing.assert_allclose(found.wrench.torque_nm, true.torque_nm, atol=0.5e-3 * load)
-
-
-@pytest.mark.parametrize("share", [0.5, 1.0])
-def test_gel_at_finite_strain_bears_more(share: float) -> None:
-    linear, gel = dragged(drag_mm=0.0), replace(GEL, finite_strain=share)
-    contact = correct_for_finite_strain(replace(linear, skin=replace(linear.skin, gel=gel)))
-    load = -contact.wrench().force_n[2]
-    stiffens = by_height(gel).estimate(reading(noisy(contact=contact)))
-    stays_linear = by_height().estimate(reading(noisy(contact=contact)))
-    assert -stiffens.wrench.force_n[2] == pytest.approx(load, rel=0.08)
-    assert -stays_linear.wrench.force_n[2] < -stiffens.wrench.force_n[2]
-    assert stiffens.std[2] / load > stays_linear.std[2] / load
 
 
 def test_untouched_skin_has_no_wrench_at_all() -> None:
@@ -174,14 +159,6 @@ def test_a_stream_that_jumps_between_contacts_reads_each_as_if_it_were_alone(ord
         hundredth_n = 0.01 * -alone(number).wrench.force_n[2]
         np.testing.assert_allclose(found.wrench.force_n, alone(number).wrench.force_n, atol=hundredth_n)
         np.testing.assert_allclose(found.wrench.torque_nm, alone(number).wrench.torque_nm, atol=2e-3 * hundredth_n)
-
-
-def test_a_start_from_the_last_image_saves_iterations_where_the_contact_moves_slowly() -> None:
-    stream = TractionForce(HeightObservationModel(), GEL)
-    stream.estimate(image(0))
-    assert stream.last is not None and stream.last.iterations <= SolverSettings().max_iterations
-    stream.estimate(reading(noisy(seed=9, contact=dragged(*PLACES[0]))))
-    assert stream.last.iterations == 1
 
 
 def test_error_bars_cover() -> None:
@@ -301,19 +278,6 @@ def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
     assert by_height().estimate(reading(z_mm, source)).warnings == (EstimateWarning.OUT_OF_RANGE,)
 
 
-def test_pressure_that_hardly_thins_the_gel_further_is_doubted() -> None:
-    *_, deepest = ContactModel(gel_skin(padded_grid(24, 18, PX_MM, 4.0), GEL)).follow(
-        Ball(8.0), [Pose(0.5, 0.3, depth) for depth in (0.6, 1.2, 1.6, 1.9)]
-    )
-    assert EstimateWarning.OUT_OF_RANGE in by_height().estimate(reading(noisy(contact=deepest))).warnings
-    read = lit(deepest)
-    assert not (read.height.source == HeightSource.EXTRAPOLATED).any()
-    assert (
-        EstimateWarning.OUT_OF_RANGE
-        in TractionForce(BrightnessObservationModel(CURVE, GlobalDimmingModel(), 0.5), GEL).estimate(read).warnings
-    )
-
-
 @pytest.mark.parametrize(("ratio", "share"), [(0.1, 0.0), (0.1, 1.0), (0.3, 1.0), (0.02, 1.0)])
 def test_gel_on_a_base_that_yields_shows_its_thickness(ratio: float, share: float) -> None:
     """The wrench follows from the thickness, and with it the height of the skin, which no image shows."""
@@ -336,27 +300,3 @@ def test_a_curve_without_bulges_is_refused() -> None:
     blind = replace(CURVE, brightening=(0.0,), bulge_mm=(0.0,))
     with pytest.raises(ForceEstimationError, match="expected a depth curve that knows bulges"):
         BrightnessObservationModel(blind, GlobalDimmingModel(), 0.5)
-
-
-def test_a_map_that_is_out_of_view_is_refused() -> None:
-    nowhere = np.full(WIDE, HeightSource.OUT_OF_VIEW, np.uint8)
-    with pytest.raises(ForceEstimationError, match="out of view everywhere"):
-        by_height().estimate(reading(noisy(), nowhere))
-
-
-def test_a_missing_gel_is_refused() -> None:
-    with pytest.raises(ForceEstimationError, match="got no gel"):
-        build_traction_force(bare(Deblurring(0.5)), None)
-
-
-def test_a_calibration_that_knows_no_scattering_is_refused() -> None:
-    with pytest.raises(ForceEstimationError, match="how light scatters"):
-        build_brightness_observation_model(bare(None))
-
-
-def bare(deblurring: Deblurring | None) -> CalibratedShape:
-    """A calibration of which nothing but its light is asked."""
-    shape = object.__new__(CalibratedShape)
-    for name, value in (("curve", CURVE), ("loss", GlobalDimmingModel()), ("deblurring", deblurring)):
-        object.__setattr__(shape, name, value)
-    return shape

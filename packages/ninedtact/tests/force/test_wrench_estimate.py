@@ -48,13 +48,6 @@ def test_unknown_errors_stay_unknown() -> None:
     assert np.isinf(ForceScale(2.0, error=0.1)(estimate(np.full(6, np.inf))).std).all()
 
 
-def test_an_unknown_error_of_one_axis_moves_into_the_torques_that_it_makes_and_no_other() -> None:
-    without_fx, without_tz = (estimate(np.where(np.arange(6) == axis, np.inf, STD)) for axis in (0, 5))
-    known = estimate().about(BELOW_MM).std
-    np.testing.assert_allclose(without_fx.about(BELOW_MM).std, np.where([1, 0, 0, 0, 1, 0], np.inf, known))
-    np.testing.assert_allclose(without_tz.about(BELOW_MM).std, np.where([0, 0, 0, 0, 0, 1], np.inf, known))
-
-
 def test_the_errors_of_modulus_and_base_are_stated_until_the_sensor_is_calibrated_for_force() -> None:
     scaled = UNCALIBRATED(estimate())
     np.testing.assert_array_equal(scaled.wrench.six, SIX)

@@ -2,7 +2,6 @@
 
 import os
 import re
-import resource
 import signal
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_sensor import DARK, RECORDED, UNTOUCHED, SkinCamera, image_folder, sensor_folder, sensor_on, wait_until
+from small_sensor import RECORDED, SkinCamera, image_folder, sensor_folder, sensor_on, wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import SourceNotOpen
@@ -32,7 +31,6 @@ from ninedtact.interop.dds import (  # noqa: E402
     DdsReader,
     cyclonedds_configuration,
     parse_qos,
-    resolve_domain,
 )
 from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
 from ninedtact.interop.ros2_topics_and_messages import (  # noqa: E402
@@ -44,15 +42,12 @@ from ninedtact.interop.ros2_topics_and_messages import (  # noqa: E402
     QosProfile,
     SensorMessages,
 )
-from ninedtact.quantities import EstimateWarning, Wrench  # noqa: E402
+from ninedtact.quantities import Wrench  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
 from ninedtact.recording.topics_and_messages import Topic, encode_message, type_store  # noqa: E402
-from ninedtact.studio.recording_player import RecordedReadings  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"
 ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": cyclonedds_configuration(INTERFACE)}
-WRENCH = Wrench(np.array([0.5, -0.25, -2.0]), np.array([1e-3, 2e-3, -4e-3]))
-WALL_NS = 1_790_000_000_123_456_789
 
 
 @dataclass
@@ -114,12 +109,6 @@ def sensor_on_ros2(
         finally:
             over.set()
             thread.join()
-
-
-def test_an_empty_variable_is_domain_0_as_in_ros(monkeypatch: pytest.MonkeyPatch) -> None:
-    for value, domain in (("", 0), ("7", 7)):
-        monkeypatch.setenv("ROS_DOMAIN_ID", value)
-        assert resolve_domain(None) == domain
 
 
 def test_cyclones_tools_list_the_topics_with_their_types_and_print_messages(tmp_path: Path) -> None:
@@ -233,95 +222,6 @@ def test_commands_are_answered_and_a_recording_opens(tmp_path: Path) -> None:
         assert sum(1 for _ in recording.frames()) >= 20
     with Recording(out / "unfinished.mcap") as recording:  # finished when the command ended
         assert recording.metadata.sensor == RECORDED.id
-
-
-def test_a_command_that_is_not_utf_8_is_refused_and_the_next_one_is_obeyed(tmp_path: Path) -> None:
-    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
-        sender = running.participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
-        wait_until(lambda: sender.has_subscribers)
-        sender.write(b"\0\1\0\0\3\0\0\0\xff\xfe\0")
-        refused = running.until_status(lambda status: status.get("ok") is False)
-        assert refused["command"] == "" and "in UTF-8" in refused["answer"]
-        assert running.answer("take_reference")["ok"]
-
-
-def test_a_recording_on_a_full_disk_is_reported_and_the_next_one_can_begin(tmp_path: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "out") as running:
-        try:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
-            assert running.answer("start_recording full")["ok"]
-            ended = running.until_status(lambda status: bool(status["recording_trouble"]))
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        assert ended["recording"] is None and running.sentences == [ended["recording_trouble"]]
-        assert "expected to continue writing" in ended["recording_trouble"]
-        assert running.answer("stop_recording")["answer"] == "nothing was being recorded"
-        assert running.answer("start_recording next")["recording_trouble"] == ""
-        until_published(running, 5)
-        assert running.answer("stop_recording")["ok"]
-
-
-def test_commands_that_are_sent_at_once_are_all_answered_also_to_who_subscribes_later(tmp_path: Path) -> None:
-    commands = [f"dance {number}" for number in range(5)]
-    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
-        for command in commands:
-            running.command(command)
-        wait_until(lambda: any(answer.get("command") == commands[-1] for answer in running.statuses()))
-        late = running.participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
-        found: list[dict[str, Any]] = []
-
-        def has_last_answer() -> bool:
-            found.extend(running.statuses(late))
-            return any(answer.get("command") == commands[-1] for answer in found)
-
-        wait_until(has_last_answer)
-    assert [one["command"] for one in found if "command" in one] == commands
-
-
-def test_the_status_says_that_the_reference_is_refused_and_that_no_images_arrive(tmp_path: Path) -> None:
-    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
-        running.camera.level = DARK
-        until_published(running, 5)
-        assert running.answer("take_reference")["ok"]
-        refused = running.until_status(lambda status: bool(status["trouble"]))
-        assert refused["phase"] == "taking the reference" and "expected a lit reference image" in refused["trouble"]
-        running.camera.level = UNTOUCHED
-        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
-        running.camera.plugged_in = False
-        lost = running.until_status(lambda status: bool(status["trouble"]))
-        assert lost["phase"].startswith("no images for ") and "got none within" in lost["trouble"]
-        running.camera.plugged_in = True
-        running.until_status(lambda status: status["phase"] == "reading" and not status["trouble"])
-    again = "readings arrive again"
-    assert running.sentences == [refused["trouble"], again, lost["trouble"], again]
-
-
-def until_published(running: Running, count: int) -> None:
-    """Until so many more readings are published, the first of which may be of an image from before."""
-    published = running.shared.published
-    wait_until(lambda: running.shared.published > published + count)
-
-
-def test_a_recording_that_begins_in_a_press_keeps_reference_metadata_and_all_warnings(tmp_path: Path) -> None:
-    folder = load_sensor(sensor_folder(tmp_path / "small"))
-    with sensor_on_ros2(folder, tmp_path, measured=Samples(), estimator=NoForceEstimator()) as running:
-        running.camera.level = 75
-        until_published(running, 5)
-        assert running.answer("start_recording pressed")["ok"]
-        until_published(running, 5)
-        assert running.answer("take_reference")["ok"]
-        until_published(running, 10)
-        assert running.answer("stop_recording")["ok"]
-    with Recording(tmp_path / "pressed.mcap") as recording:
-        metadata, warnings = recording.metadata, [texts for _, texts in recording.warnings()]
-    with RecordedReadings(tmp_path / "pressed.mcap", folder.shape) as played:
-        depths_mm = [played.reading(number).max_indentation_mm for number in range(len(played))]
-    assert depths_mm[0] == pytest.approx(1.0, abs=0.01) and depths_mm[-1] == pytest.approx(0.0, abs=0.01)
-    assert (metadata.source, metadata.force_torque) == ("the bench camera", "of the bench")
-    assert metadata.mm_per_px == RECORDED.grid.mm_per_px and metadata.software != ""
-    assert len(warnings) == len(depths_mm)
-    assert all(EstimateWarning.REFERENCE_UNLIKE_CALIBRATION.value in texts for texts in warnings)
 
 
 STALLING_SUBSCRIBER = """

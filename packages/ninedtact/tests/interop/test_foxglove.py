@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from small_sensor import DARK, RAW_SHAPE, UNTOUCHED, SkinCamera, image_folder, sensor_folder, sensor_on
+from small_sensor import RAW_SHAPE, SkinCamera, image_folder, sensor_folder, sensor_on
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -170,27 +170,6 @@ def test_heights_are_the_metres_of_recordings_and_ros_2(messages: SensorMessages
     assert decode_height_map(data).min() == pytest.approx(-reading.max_indentation_mm, rel=1e-6)
 
 
-def test_who_comes_later_is_warned_of_a_refused_reference_and_then_of_changes_alone(messages: SensorMessages) -> None:
-    camera = SkinCamera()
-    camera.level = DARK
-    with served(messages, camera) as server:
-        with client(server.port) as first:
-            channel = announced_channels(first)["/small/log"]
-            subscribe(first, {1: channel["id"]})
-            while decode(channel, parts(first.recv(PATIENCE_S))[2]).level < 3:
-                pass
-        with client(server.port) as connection:
-            channels = announced_channels(connection)
-            subscribe(connection, {1: channel["id"]})
-            logs = (decode(channel, parts(connection.recv(PATIENCE_S))[2]) for _ in range(100))
-            refused = next(logs)
-            assert "expected a lit reference image" in refused.message and refused.level == 3
-            camera.level = UNTOUCHED
-            assert next(logs).message == "out of range"
-            subscribe(connection, {2: channels["/small/contact"]["id"]})
-            assert [parts(connection.recv(PATIENCE_S))[0] for _ in range(30)].count(1) == 0
-
-
 def test_a_client_that_does_not_read_delays_nobody(messages: SensorMessages) -> None:
     with served(messages, SkinCamera()) as server, client(server.port) as slow, client(server.port) as quick:
         for connection in (slow, quick):
@@ -220,26 +199,6 @@ def test_other_websites_are_refused_and_a_network_needs_the_token(messages: Sens
         client(server.port, origin="file://") as connection,
     ):
         announced_channels(connection)
-
-
-def test_the_layout_has_settings_that_the_sdk_names() -> None:
-    from foxglove import layouts
-
-    layout = foxglove_layout("small")
-    shown = layout["configById"]
-
-    def leaves(tree: Any) -> list[str]:
-        return [tree] if isinstance(tree, str) else leaves(tree["first"]) + leaves(tree["second"])
-
-    assert sorted(leaves(layout["layout"])) == sorted(shown)
-    known = {
-        "Image": layouts.ImageConfig(),
-        "3D": layouts.ThreeDeeConfig(),
-        "Plot": layouts.PlotConfig(),
-        "RosOut": layouts.LogConfig(),
-    }
-    for kind, config in shown.items():
-        assert set(config) - {"foxglovePanelTitle"} <= set(known[kind.partition("!")[0]]._to_dict()), kind
 
 
 PANEL_SCHEMAS = {

@@ -13,7 +13,7 @@ mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not install
 
 from ninedtact import default_twin  # noqa: E402
 from ninedtact.calibration.sensor_folder import SensorFolder  # noqa: E402
-from ninedtact.errors import InputError, SimulationError  # noqa: E402
+from ninedtact.errors import InputError  # noqa: E402
 from ninedtact.interop.mujoco import (  # noqa: E402
     TactileReading,
     TactileSensor,
@@ -23,8 +23,6 @@ from ninedtact.mechanics.pose import Pose  # noqa: E402
 from ninedtact_train.environments.mujoco_batch import TactileSensorBatch  # noqa: E402
 
 TWIN = default_twin()
-THIN = replace(TWIN, gel=replace(TWIN.gel, thickness_mm=2.5, gel_to_base_modulus_ratio=0.0))
-"""A twin with a thin gel on a rigid base."""
 
 
 @pytest.fixture(autouse=True)
@@ -119,16 +117,6 @@ def test_the_gel_resists_with_the_load_and_the_friction_of_the_scene(kind: str) 
     assert reading.frame.stamp_ns == round(data.time * 1e9)
 
 
-def test_heights_of_untouched_skin_have_the_stamp_of_the_image_too() -> None:
-    model, data = scene(GEOMS["sphere"])
-    sensor = TactileSensor(model, data, "sensor", TWIN)
-    data.qpos[1] = 0.01
-    mujoco.mj_step(model, data, 3)
-    reading = sensor.step()
-    assert reading.contact is None
-    assert reading.heights.stamp_ns == reading.frame.stamp_ns == 6_000_000
-
-
 def test_a_rolling_ball_moves_over_the_skin_and_keeps_its_load() -> None:
     slides = '<joint type="slide" axis="1 0 0" damping="5"/><joint type="slide" axis="0 0 1" damping="1"/>'
     joints = slides + '<joint type="hinge" axis="0 1 0"/>'
@@ -169,18 +157,6 @@ def test_a_body_that_turns_on_turns_the_skin_on() -> None:
     assert reading.wrench.torque_nm[2] == pytest.approx(twisted.wrench.torque_nm[2], rel=0.05)
 
 
-def test_a_scene_told_twice_gives_the_same_readings() -> None:
-    def last() -> TactileReading:
-        model, data = scene(GEOMS["capsule"])
-        sensor = TactileSensor(model, data, "sensor", TWIN)
-        sensor.open()
-        return pressed(model, data, sensor, 1.0, 0.3, steps=12)
-
-    one, other = last(), last()
-    np.testing.assert_array_equal(one.frame.image, other.frame.image)
-    np.testing.assert_array_equal(one.wrench.six, other.wrench.six)
-
-
 def test_bodies_that_cannot_be_used_are_refused_in_one_sentence() -> None:
     model, data = scene('type="plane" size="0.01 0.01 0.01" euler="180 0 0"', "")
     with pytest.raises(InputError, match="one of stage, sensor, empty, object, got 'hand'"):
@@ -202,51 +178,6 @@ def rod_on_gel_and_housing() -> tuple[Any, Any]:
     return model, mujoco.MjData(model)
 
 
-def test_only_what_touches_the_geom_of_the_gel_presses() -> None:
-    model, data = rod_on_gel_and_housing()
-    sensors = [TactileSensor(model, data, "sensor", TWIN, geom=geom) for geom in ("gel", 1)]
-    sensors += TactileSensorBatch([(model, data)], "sensor", sensors[0].twin, geom="gel").sensors
-    for _ in range(15):
-        mujoco.mj_step(model, data, 8)
-    load_n, six = dict.fromkeys(("gel", "housing"), 0.0), np.zeros(6)
-    for number in range(data.ncon):
-        mujoco.mj_contactForce(model, data, number, six)
-        [name] = load_n.keys() & {model.geom(geom).name for geom in data.contact[number].geom.tolist()}
-        load_n[name] += six[0]
-    assert min(load_n.values()) > 0.5
-    for sensor in sensors:
-        reading = sensor.step()
-        assert reading.scene_wrench.force_n[2] == pytest.approx(-load_n["gel"], abs=0.01)
-        assert reading.wrench.force_n[2] == pytest.approx(-load_n["gel"], rel=0.02)
-
-
-OUT_OF_THE_WAY = {
-    "by its masks": '<geom type="box" size="0.002 0.002 0.002" pos="0.006 0 -0.003" contype="2" conaffinity="2"/>',
-    "under the sensor": '<geom type="box" size="0.002 0.002 0.002" pos="0.006 0 -0.02"/>',
-    "a plane": '<geom type="plane" size="1 1 0.1" pos="0 0 -0.05"/>',
-}
-
-
-@pytest.mark.parametrize("place", OUT_OF_THE_WAY)
-def test_geoms_of_a_touching_body_that_do_not_touch_the_gel_do_not_press(place: str) -> None:
-    lowest_mm = []
-    for more in ("", OUT_OF_THE_WAY[place]):
-        ball = '<geom type="sphere" size="0.004" pos="0 0 0.0038"/>'
-        model = mujoco.MjModel.from_xml_string(
-            f"""<mujoco><option gravity="0 0 0"/><worldbody>{ball}{more}
-            <body name="sensor"><joint type="slide" axis="0 0 1" damping="5"/>{GEL}</body></worldbody></mujoco>"""
-        )
-        data = mujoco.MjData(model)
-        sensor = TactileSensor(model, data, "sensor", TWIN)
-        for _ in range(20):
-            data.qfrc_applied[:] = 1.0
-            mujoco.mj_step(model, data, 8)
-            reading = sensor.step()
-        assert reading.wrench.force_n[2] == pytest.approx(reading.scene_wrench.force_n[2], rel=0.02)
-        lowest_mm.append(reading.heights.z_mm.min())
-    assert lowest_mm[1] == pytest.approx(lowest_mm[0], abs=1e-6)
-
-
 def test_the_geom_of_the_gel_must_be_given_where_several_collide() -> None:
     model, data = rod_on_gel_and_housing()
     several = (
@@ -261,49 +192,6 @@ def test_the_geom_of_the_gel_must_be_given_where_several_collide() -> None:
             TactileSensor(model, data, "sensor", TWIN, geom=wrong)
     model.geom("housing").contype = model.geom("housing").conaffinity = 0
     assert TactileSensor(model, data, "sensor", TWIN)._scene.geom == 1
-
-
-def test_a_gel_that_collides_by_pairs_alone_is_pressed() -> None:
-    apart = 'contype="0" conaffinity="0"'
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><worldbody><body name="sensor">{GEL.replace("/>", f" {apart}/>")}</body>
-        <body pos="0 0 0.0041"><freejoint/><geom name="ball" type="sphere" size="0.004" mass="0.1" {apart}/></body></worldbody>
-        <contact><pair geom1="gel" geom2="ball" solref="0.01 1"/></contact></mujoco>"""
-    )
-    sensor = TactileSensor(model, mujoco.MjData(model), "sensor", TWIN)
-    for _ in range(15):
-        mujoco.mj_step(model, sensor.data, 8)
-    assert sensor.step().wrench.force_n[2] == pytest.approx(-0.98, abs=0.02)
-
-
-@pytest.mark.parametrize("more", ["", '<body name="far" pos="1 0 1"><geom type="sphere" size="0.004"/></body>'])
-def test_a_soft_body_on_the_gel_is_refused(more: str) -> None:
-    model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><worldbody><body name="sensor">{GEL}</body>{more}
-        <flexcomp name="sponge" type="grid" count="3 3 3" spacing="0.004 0.004 0.004" pos="0 0 0.006" dim="3" mass="0.1"
-        radius="0.001"><contact selfcollide="none"/><edge equality="true"/></flexcomp></worldbody></mujoco>"""
-    )
-    data = mujoco.MjData(model)
-    batch = TactileSensorBatch([(model, data)], "sensor", TWIN)
-    assert not batch.step()[0].scene_wrench.six.any()
-    while not data.ncon:
-        mujoco.mj_step(model, data)
-    with pytest.raises(
-        match=r"scene 0: expected rigid bodies on the gel, got the soft body \(flex\) sponge; replace it",
-    ):
-        batch.step()
-
-
-def test_a_body_through_the_base_is_refused() -> None:
-    model, data = scene(GEOMS["sphere"])
-    sensor = TactileSensor(model, data, "sensor", THIN)
-    sensor.open()
-    data.qpos[1] = -0.0029
-    mujoco.mj_forward(model, data)
-    with pytest.raises(
-        SimulationError, match=r"body object less deep in the gel than it allows, 2.5 mm, got [0-9.]+ mm"
-    ):
-        sensor.step()
 
 
 def test_scenes_in_a_batch_get_the_contacts_that_each_gets_alone() -> None:
@@ -332,18 +220,6 @@ def test_scenes_in_a_batch_get_the_contacts_that_each_gets_alone() -> None:
     data.qpos[1] = 0.01
     mujoco.mj_forward(model, data)
     assert not batch.step()[1].wrench.six.any()
-
-
-def test_a_batch_says_which_scene_is_refused_and_leaves_the_others_as_they_were() -> None:
-    batch = TactileSensorBatch([scene(GEOMS["sphere"]) for _ in range(2)], "sensor", THIN)
-    for number, (model, data) in enumerate(batch.scenes):
-        data.qpos[1] = (-0.0004, -0.0029)[number]
-        mujoco.mj_forward(model, data)
-    with pytest.raises(SimulationError, match="scene 1: expected body object less deep"):
-        batch.step()
-    assert batch.sensors[0].last is None and batch.sensors[0]._press_before is None
-    with pytest.raises(InputError, match="at least one scene"):
-        TactileSensorBatch([], "sensor", TWIN)
 
 
 @pytest.mark.interop
@@ -472,22 +348,6 @@ def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(
     for options in ({"sensor_folder": TWIN, "force": "physics"}, {"sensor_folder": physical_sensor, "force": "none"}):
         with pytest.raises(InputError, match="expected force='gel', or the name of an estimator and the folder of a"):
             make_env("ninedtact/PegInsertion-v0", **options)
-
-
-@pytest.mark.interop
-@pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")
-def test_an_environment_says_which_geom_of_its_sensor_is_the_gel(make_env: Any) -> None:
-    from ninedtact_train.environments.ball_rolling_environment import SCENE, BallRollingEnvironment
-
-    class InHousing(BallRollingEnvironment):
-        scene = SCENE.replace("</body>", '<geom type="box" pos="0 0.1 0" size="0.01 0.01 0.01"/></body>', 1)
-
-    class GelInHousing(InHousing):
-        gel_geom = 0
-
-    with pytest.raises(InputError, match=r"expected one geom of body sensor that collides, got 2 \(0, 1\)"):
-        InHousing(TWIN)
-    assert GelInHousing(TWIN).reset(seed=1)[1]["load_n"] > 0.3
 
 
 PAGE = (Path(__file__).parents[4] / "docs" / "simulators.md").read_text("utf-8")

@@ -24,7 +24,6 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
-from ninedtact.errors import DeviceError
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, reading_stream_json_schema
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
@@ -161,18 +160,6 @@ def test_a_client_is_told_of_a_refused_reference_and_of_a_lost_camera() -> None:
     assert served.sentences == [refused["trouble"], "readings arrive again", lost["trouble"], "readings arrive again"]
 
 
-def test_the_python_client_of_the_page_survives_a_refused_reference() -> None:
-    with served_camera(DARK) as served:
-        wait_until(lambda: len(served.sentences) > 0)
-        client = [sys.executable, "-u", "-c", client_of_the_page("python", served)]
-        with subprocess.Popen(client, stdout=subprocess.PIPE, text=True) as running:
-            assert running.stdout is not None
-            assert "expected a lit reference image" in running.stdout.readline()
-            served.camera.level = UNTOUCHED
-            assert any("-2.0" in line for line in running.stdout)
-            running.kill()
-
-
 def test_messages_keep_to_the_schema_that_is_served_and_documented(served: Served) -> None:
     with connect(f"ws://127.0.0.1:{served.server.port}/?images=png") as client:
         first = json.loads(message := client.recv())
@@ -247,18 +234,6 @@ def test_on_a_network_only_who_has_the_token_can_read() -> None:
             pass
         with tcp(server.tcp_port, json.dumps({"token": server.guard.token}).encode() + b"\n") as client:
             wait_until(lambda: server.clients > 0)
-
-
-def test_a_port_in_use_is_refused() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with (
-            pytest.raises(DeviceError, match=f"expected port {port} .* --port"),
-            ReadingServer("a", "127.0.0.1", port, 0),
-        ):
-            pass
-        with pytest.raises(DeviceError, match="--tcp-port"), ReadingServer("a", "127.0.0.1", 0, port):
-            pass
 
 
 def test_the_command_prints_where_it_serves(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import pytest
 from episodes import sample
 from small_sensor import SkinCamera, sensor_folder
 
-from ninedtact._version import find_entry_point
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
@@ -22,7 +21,7 @@ from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.coloured_height_map import colourise_heights
 
 pytestmark = pytest.mark.interop
-rr = pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
+pytest.importorskip("rerun", reason="the extra 'rerun' is not installed")
 from rerun.chunk import RrdReader  # noqa: E402
 
 from ninedtact.interop.rerun import COMPONENTS, export_rerun  # noqa: E402
@@ -123,21 +122,6 @@ def test_an_export_that_is_refused_or_fails_leaves_no_file(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_recording_of_too_few_images_for_a_reference_is_refused_and_leaves_no_file(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, path, out = load_sensor(sensor_folder(tmp_path / "small")), tmp_path / "short.mcap", tmp_path / "short.rrd"
-    attachments = sensor_folder_attachments(folder.path)
-    with (
-        RecordingWriter(path, RecordingMetadata(folder.id), {Topic.IMAGES}, attachments) as writer,
-        SkinCamera() as camera,
-    ):
-        for _ in range(6):
-            writer.write_image(camera.read())
-    assert main(["export", str(path), "--out", str(out), "--to", "rerun"]) == 1
-    assert "got 6 images alone; record longer" in capsys.readouterr().err and not out.exists()
-
-
 @pytest.mark.parametrize("limit_bytes", [0, 30_000, 150_000])
 def test_a_disk_that_fills_is_one_sentence_and_leaves_no_file(recorded: Path, tmp_path: Path, limit_bytes: int) -> None:
     out = tmp_path / "full" / "press.rrd"
@@ -152,18 +136,3 @@ raise SystemExit(main(["export", {str(recorded)!r}, "--to", "rerun", "--points-e
     assert ended.returncode == 1 and len(said) == 1 and "Traceback" not in ended.stderr
     assert said[0].startswith(f"ninedtact: expected to write {out}, got: File too large; free the disk")
     assert not any(out.parent.iterdir())
-
-
-def test_one_recording_is_exported_at_a_time_but_for_lerobot_whose_plugin_is_named(
-    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for kind in ("files", "rerun"):
-        assert main(["export", str(recorded), str(recorded), "--out", str(tmp_path / "out.rrd"), "--to", kind]) == 1
-        said = capsys.readouterr().err
-        assert f"expected one recording, or several with --to lerobot, got 2 with --to {kind}; export each" in said
-    assert main(["export", "--out", str(tmp_path / "none")]) == 1
-    assert "expected a recording, got none; name it" in capsys.readouterr().err
-    if find_entry_point("exporters", "lerobot") is None:
-        assert main(["export", str(recorded), "--out", str(tmp_path / "set"), "--to", "lerobot"]) == 1
-        assert "run pip install lerobot_camera_ninedtact" in capsys.readouterr().err
-    assert not (tmp_path / "out.rrd").exists() and not (tmp_path / "set").exists()

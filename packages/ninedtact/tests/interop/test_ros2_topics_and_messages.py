@@ -22,7 +22,6 @@ from ninedtact.interop.ros2_topics_and_messages import (
     TF_TYPE,
     SensorMessages,
     decode_ros2_command,
-    encode_ros2_status,
 )
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate, skin_grid_mm
 from ninedtact.reading import Reading
@@ -94,12 +93,6 @@ def test_lengths_are_metres_and_forces_newtons(reading: Reading) -> None:
     assert np.abs(cv2.imdecode(image.data, cv2.IMREAD_COLOR).astype(float) - reading.image).mean() < 5
 
 
-def test_nothing_is_sent_where_there_is_nothing_to_say(reading: Reading) -> None:
-    silent = replace(reading, force=None)
-    assert set(MESSAGES.encode(silent, WALL_NS, {Topic.ESTIMATED, Topic.COVARIANCE, Topic.WARNINGS})) == set()
-    assert set(MESSAGES.encode(reading, WALL_NS, {POINTS})) == {POINTS}
-
-
 @pytest.mark.parametrize("turn_deg", [0, 90, -130])
 def test_opencv_projects_the_skin_by_camera_info_and_tf_as_the_calibration_does(turn_deg: float) -> None:
     lens, turn = RECORDED.lens, np.radians(turn_deg)
@@ -126,16 +119,6 @@ def test_opencv_projects_the_skin_by_camera_info_and_tf_as_the_calibration_does(
     off_px = np.hypot(*(pixels - rectify.source_px.reshape(-1, 2)).T)
     assert np.sqrt((off_px**2).mean()) == pytest.approx(messages.camera.residual_px, abs=0.02)
     assert off_px.max() < 0.1
-
-
-def test_the_gel_frame_is_at_the_bonded_side_of_the_gel() -> None:
-    transforms = type_store().deserialize_cdr(MESSAGES.encode_static_transforms(WALL_NS), TF_TYPE).transforms
-    gel = {each.child_frame_id: each.transform.translation for each in transforms}["left_hand_gel"]
-    assert gel.z == pytest.approx(-RECORDED.design.gel.thickness_mm / 1e3)
-
-
-def test_commands_and_status_are_strings() -> None:
-    assert decode_ros2_command(encode_ros2_status({"a": 1})) == '{"a": 1}'
 
 
 @pytest.mark.parametrize("message", [b"", b"\0\1\0\0", b"\0\1\0\0\3\0\0\0\xff\xfe\0", b"\0\1\0\0\xff\0\0\0ab\0"])

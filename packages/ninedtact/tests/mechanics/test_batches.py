@@ -68,23 +68,6 @@ def test_single_precision_is_as_good_as_its_tolerance(reference):
             np.testing.assert_allclose(one.wrench().force_n, other.wrench().force_n, atol=0.02)
 
 
-def test_each_of_a_batch_says_how_well_it_was_solved():
-    batch = model(settings=SolverSettings(tolerance=1e-4)).step(model().initial_contact(), BALL, Pose.stack(BEGUN))
-    assert batch.residual_mm.shape == batch.iterations.shape == (4,)
-    assert batch.iterations[2] == 0
-    assert batch.iterations[[0, 1, 3]].min() > 3
-    assert batch.touches
-    assert [one.touches for one in batch.unstack()] == [True, True, False, True]
-
-
-def test_a_batch_shares_what_its_poses_share():
-    few = model(settings=SolverSettings(tolerance=1e-5))
-    swept = few.step(few.initial_contact(), BALL, Pose(x_mm=2.0, depth_mm=np.array([0.2, 0.5, 0.9])))
-    loads = [-one.wrench().force_n[2] for one in swept.unstack()]
-    again = few.step_to_load(few.initial_contact(), BALL, Pose(x_mm=2.0, depth_mm=0.5), np.array(loads))
-    np.testing.assert_allclose(again.pose.depth_mm, [0.2, 0.5, 0.9], atol=1e-4)
-
-
 def test_who_lifts_off_in_a_batch_leaves_the_skin_untouched():
     pressing = model(grid=GRID, settings=SolverSettings(tolerance=1e-4))
     down = pressing.step(pressing.initial_contact(), BALL, Pose(depth_mm=np.array([0.6, 0.8])))

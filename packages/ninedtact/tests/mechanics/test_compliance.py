@@ -58,13 +58,6 @@ def test_gel_on_a_base_of_the_same_gel_is_one_layer(gel, base_mm):
         np.testing.assert_allclose(getattr(found, name), getattr(one, name), atol=1e-8 * float(one.along[0]))
 
 
-@settings(max_examples=20, deadline=None)
-@given(gels, st.floats(0.01, 1.0))
-def test_the_gel_is_thinner_by_less_than_the_skin_is_pressed_in(gel, ratio):
-    found = gel_compliance(WAVES[1:], replace(gel, gel_to_base_modulus_ratio=ratio))
-    assert np.all(found.interface_normal >= 0) and np.all(found.interface_normal <= found.normal * (1 + 1e-9))
-
-
 def test_incompressible_is_the_limit_of_nearly_so_and_a_mean_pressure_does_not_move_it():
     nearly, exactly = (bonded_layer_compliance(WAVES, Gel(2.5, 0.1, nu)) for nu in (0.5 - 1e-9, 0.5))
     assert_same(nearly, exactly, 1e-7)
@@ -94,14 +87,3 @@ def test_a_base_becomes_rigid_as_it_stiffens_and_only_then():
         softest.append(found.normal[2])
     assert softest == sorted(softest, reverse=True)
     assert_same(found, gel_compliance(WAVES, gel), 1e-5)
-
-
-def test_a_grid_of_waves_of_any_shape_is_answered():
-    k = WAVES.reshape(2, 4)
-    for compliance in (
-        bonded_layer_compliance(k, Gel()),
-        gel_compliance(k, Gel()),
-        half_space_compliance(k, Gel()),
-    ):
-        assert {field.shape for field in vars(compliance).values()} == {(2, 4)}
-        assert all(np.isfinite(field).all() for field in vars(compliance).values())

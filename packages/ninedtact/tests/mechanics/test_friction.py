@@ -112,12 +112,6 @@ def test_a_mirrored_drag_mirrors_everything():
     np.testing.assert_allclose(left.shear_mpa[1], right.shear_mpa[1][:, ::-1], atol=1e-6)
 
 
-def test_a_twist_is_resisted_about_the_contact_alone():
-    contact = pressed(model(), DOWN, Pose(depth_mm=1.0, twist_rad=0.3))
-    assert contact.wrench().torque_nm[2] > 1e-4
-    np.testing.assert_allclose(contact.wrench().six[[0, 1, 3, 4]], 0, atol=1e-7)
-
-
 def test_a_first_guess_saves_iterations_and_leads_to_the_same_contact() -> None:
     """Friction remembers the last contact; the guess gives only the tractions from which the search starts."""
     skin = model(settings=FINE)

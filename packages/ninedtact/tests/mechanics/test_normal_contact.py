@@ -202,25 +202,3 @@ def test_what_has_not_converged_is_refused_unless_asked_for():
     exact = pressed(model(settings=EXACT), Pose(depth_mm=1.0))
     assert exact.residual_mm <= 1.001e-7
     assert exact.iterations > found.iterations
-
-
-@pytest.mark.parametrize("guess", [0.2, 2.4])
-def test_a_load_is_solved_to_the_tolerance_of_its_own_depth_whatever_depth_was_guessed(guess):
-    rough = model(friction=0.0, settings=SolverSettings(tolerance=1e-2, min_tolerance_mm=1e-9))
-    load = measured(pressed(rough, Pose(depth_mm=0.6))).load_n
-    loaded = rough.step_to_load(rough.initial_contact(), BALL, Pose(depth_mm=guess), load)
-    assert 0 < loaded.residual_mm <= 1e-2 * 0.6
-    well_guessed = rough.step_to_load(rough.initial_contact(), BALL, Pose(depth_mm=0.6), load)
-    assert loaded.iterations <= well_guessed.iterations + 3
-
-
-def test_a_contact_that_stays_needs_no_further_iteration():
-    first = pressed(model(), Pose(depth_mm=0.8))
-    assert first.iterations > 10
-    assert model().step(first, BALL, Pose(depth_mm=0.8)).iterations == 0
-
-
-def test_a_move_that_hardly_exceeds_the_tolerance_is_solved():
-    rough = model(friction=0.0, settings=SolverSettings(tolerance=1e-2))
-    first = pressed(rough, Pose(depth_mm=0.8))
-    assert 0 < rough.step(first, BALL, Pose(depth_mm=0.812)).residual_mm <= 1e-2 * 0.812

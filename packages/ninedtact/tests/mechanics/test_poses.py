@@ -6,7 +6,6 @@ from gels import BALL, model, pressed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.design import DesignImpossible, Gel
 from ninedtact.mechanics.contact_result import NonPositiveLoad
 from ninedtact.mechanics.pose import InvalidPose, Pose, rigid_displacement_mm
 
@@ -48,11 +47,6 @@ def test_a_pose_is_finite(wrong):
         Pose(depth_mm=wrong)
 
 
-def test_a_pose_without_numbers_is_the_sensor_frame():
-    np.testing.assert_array_equal(Pose().origin_mm, np.zeros(3))
-    np.testing.assert_array_equal(Pose().rotation, np.eye(3))
-
-
 def test_an_object_stays_above_the_base():
     with pytest.raises(
         InvalidPose, match=r"expected the object less deep .* allows, 2\.5 mm, got 2\.6\d* mm; press less"
@@ -75,9 +69,3 @@ def test_an_object_above_the_skin_leaves_it_untouched():
     assert not contact.touches
     assert not contact.height_mm.any()
     assert not contact.wrench().six.any()
-
-
-@pytest.mark.parametrize("wrong", [{"thickness_mm": 0.0}, {"shear_modulus_mpa": -1.0}, {"poisson_ratio": 0.51}])
-def test_a_gel_can_be(wrong):
-    with pytest.raises(DesignImpossible, match="expected gel"):
-        Gel(**wrong)

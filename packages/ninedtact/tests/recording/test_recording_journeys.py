@@ -22,13 +22,9 @@ from twin_folder import twin_folder
 import ninedtact
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
-from ninedtact.capture.frame_pacing import LatestFrameSource
-from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost, SourceNotOpen
+from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost
 from ninedtact.cli import main
-from ninedtact.cli.record import twin_sources
-from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import ForceEstimator
-from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
@@ -40,11 +36,11 @@ from ninedtact.recording.reader import (
     recorded_sensor_addresses,
 )
 from ninedtact.recording.recorded_source import RecordedFrameSource
-from ninedtact.recording.recorder import EstimateRecorder, Recorder, SensorToRecord, record, record_several
+from ninedtact.recording.recorder import SensorToRecord, record, record_several
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
-from ninedtact.source_addresses import load_recorded_sensor, source_in_real_time
+from ninedtact.source_addresses import source_in_real_time
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +67,7 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
     sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = tmp_path / "twin.mcap", tmp_path / "out"
-    options = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor, "--seconds", "5", "--heights"]
+    options = ["--source", "sim", "--force-torque", "sim", "--sensor", sensor, "--seconds", "3", "--heights"]
     written = told(capsys, "record", *options, "--out", path)["written"]
     assert written["/twin/image_raw"] == written["/twin/height"] > 3 and written["/twin/wrench_measured"] > 10
     found = told(capsys, "info", path)
@@ -264,31 +260,6 @@ def test_the_delay_of_another_camera_is_not_subtracted(
         assert (recording.metadata.camera_delay_ms, recording.metadata.source) == (20.0, name)
 
 
-def test_a_recording_is_shown_live_with_the_sensor_that_it_carries(tmp_path: Path, sensor: Path) -> None:
-    path = tmp_path / "hand.mcap"
-    record_hand(path, sensor, seconds=0.5)
-    with (
-        load_recorded_sensor(str(path)) as folder,
-        LatestFrameSource(source_in_real_time(str(path), DEFAULT_CAMERA)) as source,
-    ):
-        assert folder.id == "twin" and folder.shape.rectify.raw_shape == (480, 640)
-        frame = source.read()
-        assert time.monotonic_ns() - frame.stamp_ns < 2e9 and frame.image.shape == (48, 64, 3)
-    assert not folder.path.exists()
-
-
-def test_simulated_sensors_side_by_side_have_noise_of_their_own(sensor: Path) -> None:
-    folder, names = load_sensor(sensor), ("", "left", "right")
-    shown = [assemble_live_sensor(folder, "sim", name=name).simulation for name in names]
-    recorded = [twin_sources(folder, False, name)[0].simulation for name in names]
-    for simulations in (shown, recorded):
-        alone, left, right = (simulation.twin.renderer(None, 1).astype(int) for simulation in simulations)
-        assert (alone == folder.twin().renderer(None, 1)).all()
-        assert (
-            abs(np.corrcoef((left - right).ravel(), (alone - right).ravel())[0, 1] - 0.5) < 0.02
-        )  # as of three samples
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -373,11 +344,7 @@ def test_a_program_records_heights_and_estimates_and_reads_them_again(sensor: Pa
     assert min(deepest[:3]) < 0.2 and max(deepest) > 0.4
 
 
-class Corrected(SimulatedCamera):
-    notices = ("the driver of camera 0 stamps images 0.9 s too early, which is taken out", "another")  # type: ignore[assignment]
-
-
-@pytest.mark.parametrize("skipped", [0, 10, 20])
+@pytest.mark.parametrize("skipped", [0, 20])
 def test_a_recording_of_a_twin_may_begin_at_any_moment_of_a_press(skipped: int, sensor: Path, tmp_path: Path) -> None:
     """A loaded computer misses the first images; heights are those of the same images against the untouched skin."""
 
@@ -397,42 +364,6 @@ def test_a_recording_of_a_twin_may_begin_at_any_moment_of_a_press(skipped: int, 
         wanted = read_frame(reading.frame, folder.shape, truth).height
         for got in (heights[reading.frame.index], reading.height.z_mm):
             np.testing.assert_allclose(got[wanted.in_view], wanted.z_mm[wanted.in_view], atol=1e-5)
-
-
-def test_what_a_camera_had_to_correct_is_said_and_kept_in_the_file(sensor: Path, tmp_path: Path) -> None:
-    path, said = tmp_path / "press.mcap", list[str]()
-    camera = Corrected(small_press_simulation(rounds=1))
-    record(camera, path, load_sensor(sensor), camera_delay_ms=12.5, notify=said.append)
-    assert said == list(Corrected.notices)
-    with Recording(path) as recording:
-        assert [(event.subject, event.text) for event in recording.events()] == [("camera", text) for text in said]
-
-
-def test_a_reference_of_another_sensor_is_a_warning_of_every_estimate_and_said_once(
-    sensor: Path, tmp_path: Path
-) -> None:
-    fault, said = "another sensor's gel: it is not there", list[str]()
-    estimates = EstimateRecorder(load_sensor(sensor).shape, Guessing(), True, lambda frames: (fault,), said.append)
-    untouched = cv2.imread(str(sensor / "untouched.png"))
-    with RecordingWriter(tmp_path / "other.mcap", RecordingMetadata("x")) as episode:
-        for number in range(12):
-            estimates.write(Frame(untouched, BEGAN_NS + number, number), episode)
-    assert said == [f"the reference image is doubtful; {fault}"]
-    with Recording(tmp_path / "other.mcap") as read:
-        (remark,) = read.events()
-        assert (remark.subject, remark.text) == ("reference image", fault)
-        warned = dict(read.warnings())
-    assert warned == {index: ["reference unlike the calibrated one", "out of range"] for index in range(12)}
-
-
-def test_record_prints_what_a_person_must_know_of_every_estimate(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = twin_folder(tmp_path / "sensor", for_force=True)
-    options = ["--source", "sim", "--sensor", path, "--seconds", "3", "--force", "physics"]
-    assert main(["record", *map(str, options), "--out", str(tmp_path / "twin.mcap")]) == 0
-    said, notices = capsys.readouterr().err, load_sensor(path).estimator("physics").notices
-    assert notices and all(f"ninedtact: {notice}\n" in said for notice in notices)
 
 
 def test_what_came_before_a_loss_is_kept(sensor: Path, tmp_path: Path) -> None:
@@ -509,19 +440,6 @@ def test_a_recording_that_fails_says_what_it_keeps_only_if_it_is_there(
     assert "expected to continue writing" in said and not (tmp_path / "full.mcap").exists()
 
 
-def test_heights_that_could_not_be_computed_are_an_error_and_the_images_stay(
-    sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    video, path = untouched_video(tmp_path / "short.avi", sensor, 6), tmp_path / "short.mcap"
-    options = ["--source", video, "--sensor", sensor, "--out", path, "--heights"]
-    kept, said = failure_lines(capsys, "record", *options)
-    assert f"{path} keeps" in kept and "6 of /twin/image_raw" in kept
-    assert "expected at least 10 images for the reference of heights and forces, got 6" in said
-    said = f"expected reference images in {path}, or at least 10 images .*, got 6 images alone; record longer"
-    with Recording(path) as recording, pytest.raises(InputError, match=said):
-        list(recording.readings())
-
-
 def test_a_damaged_recording_leaves_the_folder_of_its_export_as_it_was(
     sensor: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -584,31 +502,3 @@ def test_a_recording_that_was_cut_short_is_exported_with_its_images_or_refused(
         assert len(list(played)) == images and len(told_once) == 1 and told_once[0].startswith(said)
     assert len(list((out / "images").iterdir())) == images
     assert {one.name for one in (out / "sensor").iterdir()} == {one.name for one in sensor.iterdir()}
-
-
-class Waiting(Camera):
-    """A camera that delivers twenty images at once, and no more."""
-
-    def open(self) -> None:
-        super().open()
-        self.has_delivered, self.closing = threading.Event(), threading.Event()
-
-    def read(self) -> Frame:
-        frame = super().read()
-        if frame.index == 20:
-            self.has_delivered.set()
-            self.closing.wait()
-            raise SourceNotOpen(self.name)
-        return frame
-
-    def close(self) -> None:
-        self.closing.set()
-
-
-def test_images_that_were_read_before_the_end_are_written(tmp_path: Path) -> None:
-    camera = Waiting(10.0)
-    with RecordingWriter(tmp_path / "stopped.mcap", RecordingMetadata("stopped")) as episode:
-        recorder = Recorder(episode, camera)
-        with recorder.opened():
-            recorder.write(lambda: camera.has_delivered.wait(timeout=5))
-    assert episode.written[Topic.IMAGES] == 20

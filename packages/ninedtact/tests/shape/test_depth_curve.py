@@ -6,7 +6,7 @@ import pytest
 
 from ninedtact.errors import InputError
 from ninedtact.quantities import HeightSource, Rectified
-from ninedtact.shape.calibrated_shape import DepthReader, ReferenceUnusable, mean_rectified_image
+from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import (
     FINE_SMOOTHING,
@@ -80,13 +80,6 @@ def test_a_continuation_is_stored_with_the_curve_and_must_rise() -> None:
         DepthCurve("ratio", (0.0, 0.2), (0.0, 1.0), (0.0, 0.02), beyond=CurveContinuation((0.4,), (1.4,), ()))
 
 
-def test_a_reference_of_images_of_different_brightness_is_refused() -> None:
-    steady = [Rectified(np.full((4, 5), grey, np.float32), 0.05) for grey in (150, 152)]
-    assert mean_rectified_image(steady).grey == pytest.approx(151)
-    with pytest.raises(ReferenceUnusable, match="of one brightness, got mean grey levels from 3 to 152"):
-        mean_rectified_image([Rectified(np.full((4, 5), 3, np.float32), 0.05), *steady])
-
-
 def test_deblurred_heights_equal_those_looked_up_at_every_pixel() -> None:
     y, x = np.mgrid[:345, :460] * 0.052
     dent = np.exp(-((x - 11) ** 2 + (y - 8) ** 2) / 4) - 0.1 * np.exp(-((x - 14) ** 2 + (y - 8) ** 2) / 8)
@@ -103,15 +96,6 @@ def test_deblurred_heights_equal_those_looked_up_at_every_pixel() -> None:
     beyond = reader.index(darker.grey) < curve.darkest_index
     assert beyond.any() and np.array_equal(reader(darker).source == HeightSource.EXTRAPOLATED, beyond)
     assert not beyond[:, 300:].any() and (read.source == HeightSource.MEASURED).all()
-
-
-def test_what_the_camera_does_not_see_stays_out_of_view_however_dark_it_is() -> None:
-    lens_source = np.array([[HeightSource.MEASURED, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW]], np.uint8)
-    reading = DepthReader(CURVE, Rectified(np.full((1, 3), 200, np.float32), 0.05), lens_source)
-    dark = np.zeros((1, 3), np.uint16)
-    expected = [[HeightSource.EXTRAPOLATED, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW]]
-    np.testing.assert_array_equal(reading.height_source(dark), expected)
-    np.testing.assert_array_equal(reading.height_source(dark + CURVE.darkest_index), lens_source)
 
 
 def test_the_light_that_dark_skin_takes_from_the_whole_image_is_known_from_the_image() -> None:

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from skins import MM_PER_PX, ball_print, grid, plane, skin, with_hole
+from skins import MM_PER_PX, ball_print, grid, plane, skin
 
 from ninedtact.quantities import HeightMap, skin_grid_mm
 from ninedtact.shape.orthorectification import (
@@ -37,13 +37,6 @@ def test_every_solver_finds_the_heights_that_a_far_camera_would_see(at, method):
     found = method(ball_print(at=at, camera_mm=20.0))
     seen_off_mm, off_mm = (np.abs(z_mm - true).mean() for z_mm in (ball_print(at=at, camera_mm=20.0).z_mm, found))
     assert off_mm < 2e-3 and off_mm < 0.15 * seen_off_mm
-
-
-def test_a_far_camera_s_map_stays_as_it_is():
-    height = with_hole(ball_print(61, 80))
-    straight = orthorectify(height)
-    np.testing.assert_array_equal(straight.source, height.source)
-    np.testing.assert_array_equal(straight.z_mm[height.in_view], height.z_mm[height.in_view])
 
 
 def test_places_that_no_line_of_sight_reaches_are_out_of_view():

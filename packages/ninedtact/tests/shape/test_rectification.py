@@ -8,7 +8,6 @@ import pytest
 from scipy import ndimage
 
 from ninedtact.design import RectifiedImageSize
-from ninedtact.errors import FileFormatError
 from ninedtact.quantities import Frame, HeightSource
 from ninedtact.shape.lens_and_rectification import (
     LensModel,
@@ -45,24 +44,6 @@ def test_brightness_comes_from_where_the_lens_says(shape: tuple[int, int]) -> No
     # Grey is rounded to whole levels before it is resampled, and OpenCV's weights have steps of 1/32 pixel.
     assert np.abs(grey - expected)[seen].max() < 8
     assert np.abs(grey - expected)[seen].mean() < 0.8
-
-
-def test_what_lies_outside_the_image_is_said() -> None:
-    wide = made(mm_per_px=2 * SCALE)
-    assert (
-        wide.height_source[0, 0] == HeightSource.OUT_OF_VIEW and wide.height_source[172, 230] == HeightSource.MEASURED
-    )
-    assert (
-        HeightSource.EXTRAPOLATED
-        in rectification_of_projection(
-            LENS, RectifiedImageSize(), SCALE, (480, 640), (-5.0, 5.0, -5.0, 5.0)
-        ).height_source
-    )
-
-
-def test_another_size_is_refused() -> None:
-    with pytest.raises(FileFormatError, match="640x480"):
-        made()(Frame(RAW[:400]))
 
 
 # Another process, because in this one the annotations of every call are checked.

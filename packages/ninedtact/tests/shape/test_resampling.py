@@ -47,9 +47,3 @@ def test_the_index_is_the_signal_in_steps_and_stays_in_the_table(signal: Brightn
         np.rint(depth.ZERO_INDEX + depth.TABLE_STEPS[signal] * change.astype(float)), 0, depth.TABLE_SIZE - 1
     )
     assert np.abs(reader.quantise(grey) - expected).max() <= 1
-
-
-def test_heights_are_looked_up_by_index():
-    curve = DepthCurve("ratio", (0.0, 0.3, 1.0), (0.0, 0.8, 2.0), (0.0,) * 3, (0.0, 0.4), (0.0, 1.0))
-    index = np.arange(depth.TABLE_SIZE, dtype=np.uint16).reshape(256, 256).T.copy()
-    np.testing.assert_array_equal(curve.look_up_mm(index), curve.table[index])

@@ -5,9 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, grid, skin, with_hole
+from skins import DEPTH_MM, RADIUS_MM, ball_print, grid, skin
 
-from ninedtact.quantities import HeightSource
 from ninedtact.shape.coloured_height_map import shape_summary_sentence
 from ninedtact.shape.surface import contact_mask, summarise_shape
 
@@ -60,22 +59,6 @@ def test_a_wide_slope_beside_a_contact_is_no_contact(touched_mm: float) -> None:
     dent_mm = np.maximum(touched_mm - (x**2 + y**2) / 8, 0)
     alone, both = (contact_mask(skin(-each)) for each in (dent_mm, np.maximum(dent_mm, touched_mm / 2 * dragged_mm)))
     assert both.sum() == pytest.approx(alone.sum(), rel=0.1) and alone.any()
-
-
-def test_what_is_out_of_view_does_not_count_and_what_is_extrapolated_is_told():
-    height = with_hole(skin(np.full((20, 30), -1.0)))
-    source = np.where(height.in_view, HeightSource.EXTRAPOLATED, HeightSource.OUT_OF_VIEW).astype(np.uint8)
-    source[10:, :] = height.source[10:, :]
-    z_mm = np.where(height.in_view, height.z_mm, -9)
-    summary = summarise_shape(replace(height, z_mm=z_mm.astype(np.float32), source=source))
-    assert summary.max_indentation_mm == 1
-    assert summary.contact_area_mm2 == pytest.approx(height.in_view.sum() * MM_PER_PX**2)
-    assert summary.extrapolated_share == pytest.approx(height.in_view[:10].sum() / height.in_view.sum())
-
-
-def test_nothing_in_view_is_nothing_measured():
-    summary = summarise_shape(skin(np.full((4, 5), np.nan), np.zeros((4, 5), np.uint8)))
-    assert summary.max_indentation_mm == summary.max_bulge_mm == summary.extrapolated_share == 0
 
 
 @pytest.mark.parametrize(("deepest_mm", "touches"), [(0.04, False), (1.0, True)])

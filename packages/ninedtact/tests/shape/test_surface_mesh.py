@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from skins import MM_PER_PX, ball_print, plane, skin, with_hole
+from skins import MM_PER_PX, ball_print, plane, with_hole
 
 from ninedtact.quantities import Mesh
 from ninedtact.shape.surface import point_cloud, surface_mesh
@@ -32,8 +32,3 @@ def test_only_squares_wholly_in_view_are_covered_and_vertices_are_the_points_of_
     assert len(mesh.faces) == 2 * whole.sum()
     assert solid(mesh).edges_unique_length.max() < 3 * MM_PER_PX
     np.testing.assert_array_equal(mesh.vertices_mm, point_cloud(height).points_mm)
-
-
-def test_a_skin_out_of_view_gives_a_mesh_of_nothing():
-    height = skin(np.zeros((4, 5)), np.zeros((4, 5), np.uint8))
-    assert len(surface_mesh(height).faces) == len(surface_mesh(height).vertices_mm) == 0

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact.errors import InputError
 from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import REFINEMENT, SightlineGrid, blur_and_refine_fields
@@ -27,20 +26,6 @@ def test_deeper_is_darker_and_higher_is_brighter(light: BrightnessModel) -> None
     step = 1e-6
     assert light.brightness_change(np.array([-step]))[0] == pytest.approx(-light.darkening_per_mm * step, rel=1e-4)
     assert light.brightness_change(np.array([step]))[0] == pytest.approx(light.brightening_per_mm * step, rel=1e-9)
-
-
-@given(lights)
-def test_nothing_is_lost_where_nothing_is_dark(light: BrightnessModel) -> None:
-    assert light.image_dimming(np.array([0.0, 0.1])) == 0
-    assert light.image_dimming(np.array([-0.2, 0.2])) == pytest.approx(-light.global_dimming * 0.1)
-
-
-@pytest.mark.parametrize(
-    "name", ["darkening_per_mm", "saturation", "point_spread_mm", "global_dimming", "inverse_distance_per_mm"]
-)
-def test_a_negative_light_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match=f"light.{name} of zero or more"):
-        BrightnessModel(**{name: -0.1})
 
 
 @pytest.mark.parametrize("shape", [(40, 48), (41, 49)], ids=["even", "odd"])

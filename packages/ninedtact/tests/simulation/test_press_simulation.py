@@ -1,23 +1,16 @@
 """One motion for everybody who watches: solved once, in order, the same every time, and never late."""
 
-import math
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager
-from functools import partial
 
 import numpy as np
 import pytest
-from small_press_simulation import PRESSED, TWIN, small_press_simulation
+from small_press_simulation import PRESSED, small_press_simulation
 
-from ninedtact.capture.frame_source import SourceEnded
-from ninedtact.errors import InputError, SimulationError
+from ninedtact.errors import SimulationError
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.hand_moved_object import HandTarget
-from ninedtact.simulation.press_sequence import KEPT_PRESSES, ObjectTrajectory, PressSequence
-from ninedtact.simulation.simulated_sources import SimulatedForceTorque
-from ninedtact.simulation.trajectory import Trajectory, TrajectorySegment, concatenate_trajectories, press_trajectory
+from ninedtact.simulation.press_sequence import KEPT_PRESSES
+from ninedtact.simulation.trajectory import Trajectory
 
 
 def test_every_step_is_solved_once_and_the_same_every_time() -> None:
@@ -52,13 +45,6 @@ def test_in_real_time_steps_are_skipped_and_not_made_up_for() -> None:
     assert between == pytest.approx((stage.wrenches[0] + stage.wrenches[12]) / 2)
 
 
-def test_in_real_time_a_source_that_waited_for_another_sees_the_first_step_that_was_solved() -> None:
-    stage = small_press_simulation(real_time=True)
-    first = stage.contact(14)
-    assert list(stage.presses) == [14] and stage.contact(0) is first
-    assert stage.wrench_six_at(0.0) == pytest.approx(stage.wrenches[14])
-
-
 def test_while_a_hand_holds_an_object_in_real_time_no_step_is_solved_ahead() -> None:
     stage = small_press_simulation(real_time=True)
     stage.contact(0)
@@ -70,28 +56,6 @@ def test_while_a_hand_holds_an_object_in_real_time_no_step_is_solved_ahead() -> 
     assert list(stage.presses) == [0, 1]
 
 
-class LockWithSomebodyWaiting(AbstractContextManager[None]):
-    """A lock after whose next release another thread does something at once."""
-
-    def __init__(self, then: Callable[[], None]) -> None:
-        self.waiting = [then]
-
-    def __exit__(self, *_: object) -> None:
-        if self.waiting:
-            self.waiting.pop()()
-
-
-def test_an_object_that_is_taken_during_a_step_starts_on_untouched_skin() -> None:
-    stage, other = small_press_simulation(hz=30.0), Ball(2.0)
-    stage.hand.take(Ball(4.0))
-    stage.hand.aim(HandTarget(Pose(depth_mm=0.6)))
-    assert stage.contact(5).touches
-    stage.hand._lock = LockWithSomebodyWaiting(lambda: stage.hand.take(other))  # type: ignore[assignment]
-    contacts = {number: stage.contact(number) for number in range(6, 12)}
-    with_other = [contact for number, contact in contacts.items() if stage.presses[number].indenter is other]
-    assert not with_other[0].touches and with_other[-1].touches
-
-
 def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
     stage = small_press_simulation(acts=2)
     length = PRESSED.trajectory.duration_s
@@ -99,21 +63,6 @@ def test_acts_follow_each_other_on_untouched_skin_round_after_round() -> None:
     assert [stage.trajectory_at(at)[0] for at in (0, 0.9 * length, 1.1 * length, 2.1 * length)] == [0, 0, 1, 2]
     one, again = (stage.contact(round(start * 10) + 9) for start in (0, 2 * stage.round_s))
     assert np.allclose(one.wrench().six, again.wrench().six, atol=0.05)
-
-
-def test_rounds_end() -> None:
-    stage = small_press_simulation(rounds=2)
-    stage.require_time(1.9 * stage.round_s)
-    with pytest.raises(SourceEnded, match="expected a time within the 2 rounds"):
-        stage.require_time(2 * stage.round_s)
-    for acts in ([], [ObjectTrajectory(Ball(4.0), Trajectory(Pose(), ()))]):
-        with pytest.raises(SimulationError, match="add a trajectory"):
-            PressSequence(TWIN, acts)
-    for hz in IMPOSSIBLE:
-        with pytest.raises(SimulationError, match=r"expected .*a rate above zero, got .*correct the rate"):
-            PressSequence(TWIN, [PRESSED], hz)
-        with pytest.raises(SimulationError, match="expected a rate above zero, got"):
-            SimulatedForceTorque(stage, hz)
 
 
 def test_a_touch_comes_down_drags_twists_and_lifts() -> None:
@@ -126,22 +75,3 @@ def test_a_touch_comes_down_drags_twists_and_lifts() -> None:
     depths = np.array([motion.pose_at(number / 100).depth_mm for number in range(int(100 * motion.duration_s) + 1)])
     assert np.abs(np.diff(depths)).max() < 0.06  # nothing jumps
     assert Trajectory(Pose(), ()).pose_at(1) == Pose()
-
-
-IMPOSSIBLE = (0.0, -1.0, math.nan, math.inf)
-
-
-def test_motions_in_turn_go_from_one_to_the_next() -> None:
-    there, back = press_trajectory(Pose(2.0, 0.0, 0.5)), press_trajectory(Pose(-2.0, 0.0, 0.5))
-    both = concatenate_trajectories([there, back], between_s=0.5)
-    assert both.duration_s == pytest.approx(there.duration_s + back.duration_s + 0.5)
-    way = both.pose_at(there.duration_s + 0.25)
-    assert (way.x_mm, way.depth_mm < 0) == (pytest.approx(0, abs=1e-9), True)
-    for bad in (
-        lambda: concatenate_trajectories([]),
-        lambda: TrajectorySegment(Pose(), 0.0),
-        lambda: TrajectorySegment(Pose(), math.inf),
-        *(partial(press_trajectory, Pose(), speed=speed) for speed in IMPOSSIBLE),
-    ):
-        with pytest.raises(InputError, match="expected"):
-            bad()

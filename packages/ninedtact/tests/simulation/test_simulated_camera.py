@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_press_simulation import PRESSED, TWIN, small_press_simulation
+from small_press_simulation import TWIN, small_press_simulation
 
-from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.gel_brightness import BrightnessModel
@@ -47,26 +46,6 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     assert not set(first_images(3)) & set(first_images(4))
 
 
-def test_opened_again_it_begins_again() -> None:
-    stage = small_press_simulation()
-    camera = SimulatedCamera(stage)
-    runs = []
-    for _ in range(2):
-        with camera:
-            frames = [camera.read() for _ in range(12)]
-        runs.append([frame.image.tobytes() for frame in frames])
-        steps_ns = np.diff([frame.stamp_ns for frame in frames])
-        assert steps_ns == pytest.approx(1e8, abs=2) and [frame.index for frame in frames] == list(range(12))
-    assert runs[0] == runs[1]
-
-
-def test_a_camera_ends_with_its_stage() -> None:
-    with SimulatedCamera(small_press_simulation(rounds=1)) as camera:
-        assert len(list(camera)) == int(np.ceil(PRESSED.trajectory.duration_s * 10))
-        with pytest.raises(SourceEnded):
-            camera.read()
-
-
 def test_camera_and_force_torque_sensor_see_one_motion() -> None:
     stage = small_press_simulation()
     camera, sensor = SimulatedCamera(stage), SimulatedForceTorque(stage, hz=10.0, errors=NO_FORCE_TORQUE_ERRORS)
@@ -103,11 +82,3 @@ def test_pressed_skin_is_seen_displaced_outwards() -> None:
     assert x_seen == pytest.approx(7.0 / (1 - 1.5 * 0.05), abs=0.12)
     assert seen.camera_distance_mm == 20 and np.isinf(place.camera_distance_mm)
     assert seen.z_mm.min() == pytest.approx(-1.5, abs=0.02)
-
-
-def test_a_lens_read_backwards_is_smooth_and_right_way_round() -> None:
-    plane = WideAngleLens().pixel_map().plane_mm
-    assert (np.diff(plane[..., 0], axis=1) > 0).all() and (np.diff(plane[..., 1], axis=0) > 0).all()
-    assert plane[240, 320] == pytest.approx([0, 0], abs=0.05)
-    turned = WideAngleLens(turn_rad=np.pi / 2, offset_mm=(0.5, 0.0)).pixel_map((480, 480)).plane_mm
-    assert turned[240, -1, 1] > 10 and turned[-1, 240, 0] < -10

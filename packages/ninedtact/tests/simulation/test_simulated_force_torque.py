@@ -6,7 +6,6 @@ from small_press_simulation import small_press_simulation
 
 from ninedtact.simulation.simulated_sources import (
     NO_FORCE_TORQUE_ERRORS,
-    NO_OFFSET,
     ForceTorqueSensorNoise,
     SimulatedForceTorque,
 )
@@ -25,14 +24,6 @@ def test_without_errors_it_tells_the_truth_about_its_own_origin() -> None:
     assert told[13].torque_nm == pytest.approx(true.torque_nm + np.cross([0, 0, 0.035], true.force_n), abs=1e-9)
 
 
-def test_between_steps_it_goes_straight() -> None:
-    stage = small_press_simulation()
-    with SimulatedForceTorque(stage, hz=100.0, errors=NO_FORCE_TORQUE_ERRORS) as sensor:
-        force = np.array([sensor.read().force_n for _ in range(151)])
-    assert force[75:81] == pytest.approx(np.linspace(force[70], force[80], 11)[5:], abs=1e-6)
-    assert np.abs(np.diff(force, axis=0)).max() < np.abs(np.diff(force[::10], axis=0)).max() / 5
-
-
 def test_noise_and_bias_are_as_asked_and_a_tare_takes_the_bias_off() -> None:
     with SimulatedForceTorque(
         small_press_simulation(), hz=20_000.0, errors=ForceTorqueSensorNoise(bias=BIAS)
@@ -42,13 +33,3 @@ def test_noise_and_bias_are_as_asked_and_a_tare_takes_the_bias_off() -> None:
     tare = untouched.mean(axis=0)
     assert (np.abs(tare - BIAS) < 4 * np.array(ForceTorqueSensorNoise().noise) / np.sqrt(4000)).all()
     assert np.abs(np.corrcoef(untouched.T) - np.eye(6)).max() < 0.07
-
-
-def test_the_same_seed_gives_the_same_samples() -> None:
-    def samples(seed: int) -> list[list[float]]:
-        with SimulatedForceTorque(
-            small_press_simulation(), hz=50.0, errors=ForceTorqueSensorNoise(bias=NO_OFFSET), seed=seed
-        ) as sensor:
-            return [sensor.read().six.tolist() for _ in range(20)]
-
-    assert samples(1) == samples(1) != samples(2)

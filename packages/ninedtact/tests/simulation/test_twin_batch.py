@@ -99,17 +99,6 @@ def test_a_refused_environment_is_reset_alone(twin: Twin) -> None:
     assert not lifted.touches
 
 
-def test_noise_is_counted_and_repeats(twin: Twin) -> None:
-    images = []
-    for _ in range(2):
-        batch = TwinBatch(twin, [Ball(4.0)] * 2)
-        press = batch.step(torch.from_numpy(poses_at(1)[:2]))
-        images += [batch.images(press), batch.images(press)]
-    assert images[0].equal(images[2]) and images[1].equal(images[3])
-    spread = (images[0].double() - images[1]).std() / np.sqrt(2)
-    assert spread == pytest.approx(twin.renderer.noise.grey_levels, rel=0.15)
-
-
 def test_bad_input_is_one_sentence(twin: Twin) -> None:
     with pytest.raises(InputError, match="at least one environment"):
         TwinBatch(twin, [])

@@ -103,7 +103,7 @@ class SkinCamera(FrameSource):
         self._closed.set()
 
 
-def wait_until(is_true: Callable[[], bool], limit_s: float = 60.0, pause_s: float = 0.002) -> None:
+def wait_until(is_true: Callable[[], bool], limit_s: float = 60.0, pause_s: float = 0.01) -> None:
     give_up_at = time.monotonic() + limit_s
     while not is_true():
         assert time.monotonic() < give_up_at

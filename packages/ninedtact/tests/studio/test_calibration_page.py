@@ -22,10 +22,7 @@ from ninedtact.calibration.guidance import search_board_pins
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibrate import CalibrateCommand
-from ninedtact.cli.calibration_page import CalibrationPageOptions, GuidedPages
-from ninedtact.cli.shared_options import PageAddressOptions
 from ninedtact.design import SensorDesign
-from ninedtact.errors import InputError
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
 from ninedtact.studio.guided_session import SwitchableCamera
@@ -126,11 +123,6 @@ def test_the_command_serves_the_page_until_ctrl_c_and_writes_nothing(tmp_path: P
     assert re.fullmatch(r"ninedtact: stopped before the calibration was complete; \S+ is as it was\n", complained)
 
 
-def test_a_page_takes_the_images_itself(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"expected --page alone or with --source, .* drop --page"):
-        CalibrateCommand(tmp_path / "s", images=tmp_path, on_page=CalibrationPageOptions(page=True)).run()
-
-
 def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -143,13 +135,3 @@ def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
     assert search_board_pins(*images.board_pair, SensorDesign(), CalibrationSettings()).found == 63
     darkening = np.subtract(*(image.astype(float) for image in images.ball_pair))
     assert darkening.max() > 20 and images.ball_pair[0].shape == (240, 320, 3)
-
-
-def test_the_live_page_follows_at_the_same_address(tmp_path: Path) -> None:
-    pages = GuidedPages(CalibrationPageOptions(address=PageAddressOptions("0.0.0.0", 1234)), "0")
-    sensor = pages.live_sensor(load_sensor(sensor_folder(tmp_path / "small")))
-    assert sensor.folder.id == "small" and sensor.live.sensor.source.name == "camera 0"
-    assert (pages.guard.host, pages.port) == ("0.0.0.0", 1234)
-    assert (
-        not sensor.estimates_force and sensor.live.simulation is None
-    )  # a sensor without a twin has no force by physics

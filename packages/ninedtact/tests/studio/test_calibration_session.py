@@ -11,15 +11,12 @@ import pytest
 from small_calibrated_twin import TWIN, PluggedCamera
 from small_sensor import sensor_folder, wait_until
 
-from ninedtact.calibration.guidance import PinSearchResult
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.capture.frame_source import FrameSource, SourceEnded
+from ninedtact.capture.frame_source import FrameSource
 from ninedtact.design import SensorDesign
-from ninedtact.errors import CameraError, OutputError
-from ninedtact.quantities import Frame
+from ninedtact.errors import OutputError
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession
-from ninedtact.studio.guided_page import draw_found_pins
 from ninedtact.studio.guided_session import ImageQuality, SwitchableCamera, measure_image_quality
 
 PATIENCE_S = 120.0
@@ -108,18 +105,6 @@ def test_a_person_who_goes_back_while_an_image_is_measured_is_followed(
     at_step(session, 1)  # the image without contact is taken again
 
 
-def test_an_image_that_was_overexposed_does_not_hold_the_step_up(
-    session: CalibrationSession, camera: PluggedCamera
-) -> None:
-    session.start()
-    at_step(session, 1)
-    camera.set_exposure(40.0)
-    camera.hold(camera.good_press("board"))
-    wait_until(lambda: "for the board image, got 1" in session.state.advice, PATIENCE_S)  # 100 % overexposed
-    camera.set_exposure(10.0)
-    at_step(session, 2)
-
-
 def test_a_sensor_is_not_forgotten_when_one_person_starts_over_and_another_opens_it(
     session: CalibrationSession, camera: PluggedCamera
 ) -> None:
@@ -147,24 +132,6 @@ def test_an_existing_sensor_is_replaced_only_by_agreement(session: CalibrationSe
     assert session.state.phase is CalibrationPhase.CAPTURE
 
 
-def test_another_camera_is_chosen_only_before_the_start(tmp_path: Path, camera: PluggedCamera) -> None:
-    def open_source(address: str) -> PluggedCamera:
-        if address == "none":
-            raise CameraError("expected camera none, got none; plug it in")
-        return camera
-
-    with CalibrationSession(SwitchableCamera(open_source, "none"), tmp_path / "s", settings=SETTINGS) as session:
-        wait_until(lambda: "plug it in" in session.state.camera_trouble)
-        session.choose_source("sim")
-        wait_until(lambda: session.state.image is not None)
-        assert not session.state.camera_trouble
-        session.start()
-        session.choose_source("none")
-        assert session.state.source == "sim"
-        session.start_over()
-        assert session.state.phase is CalibrationPhase.PREVIEW and session.state.step == 0
-
-
 def test_a_refused_press_of_the_simulation_keeps_its_image(camera: PluggedCamera) -> None:
     with camera:
         camera.hold(replace(camera.good_press("ball"), depth_mm=60.0))
@@ -173,44 +140,6 @@ def test_a_refused_press_of_the_simulation_keeps_its_image(camera: PluggedCamera
         assert camera.refusal and "expected" in camera.refusal and time.monotonic() - before < 60
         untouched = camera._twin.renderer.reference
         assert abs(image.astype(float).mean() - untouched.mean()) < 1
-
-
-def test_pins_are_drawn_where_they_are() -> None:
-    grey = np.full((100, 200, 3), 120, np.uint8)
-    drawn = draw_found_pins(
-        grey, PinSearchResult(2, np.array([[50.0, 50.0]]), np.array([[150.0, 30.0]]), True, "upper right")
-    )
-    changed = np.argwhere((drawn != grey).any(axis=2))
-    assert {(row // 50, column // 100) for row, column in changed.tolist()} >= {(0, 1)}
-    assert tuple(drawn[30, 150]) == (0, 94, 213) and (drawn[50, 50] == 120).all() and (grey == 120).all()
-
-
-class ShortRecording(FrameSource):
-    """A recording of three images without contact."""
-
-    name, is_live = "recording", False
-
-    def open(self) -> None:
-        self.left = 3
-
-    def read(self) -> Frame:
-        if self.left == 0:
-            raise SourceEnded("expected an image, got the end")
-        self.left -= 1
-        return Frame(TWIN.renderer(None, self.left))
-
-    def close(self) -> None:
-        self.left = 0
-
-
-def test_a_recording_repeats_in_the_preview_and_is_refused_where_it_ends_too_soon(tmp_path: Path) -> None:
-    with CalibrationSession(SwitchableCamera(lambda address: ShortRecording(), "video"), tmp_path / "s") as session:
-        wait_until(lambda: session.state.quality is not None)
-        session.start()
-        wait_until(lambda: session.state.phase is CalibrationPhase.REFUSED)
-        assert "got the end of the recording; start over" in session.state.advice
-        session.start_over()
-        assert session.state.phase is CalibrationPhase.PREVIEW
 
 
 def test_an_error_of_the_program_is_not_kept_from_the_page(tmp_path: Path) -> None:

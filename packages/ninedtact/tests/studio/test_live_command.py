@@ -12,11 +12,10 @@ from urllib.request import Request, urlopen
 import pytest
 from small_sensor import image_folder, sensor_folder
 
-from ninedtact.calibration.sensor_folder import SensorFolderDamaged, load_sensor
+from ninedtact.calibration.sensor_folder import SensorFolderDamaged
 from ninedtact.cli.live import Live
 from ninedtact.cli.shared_options import PageAddressOptions
 from ninedtact.errors import InputError
-from ninedtact.live_sensor import assemble_live_sensor
 
 CHECK = "import ninedtact.cli.live, sys; print(*[m for m in ('cv2', 'numpy', 'viser') if m in sys.modules])"
 
@@ -51,16 +50,6 @@ def test_on_a_network_the_printed_address_is_the_only_one(tmp_path: Path, images
 def test_nothing_heavy_is_loaded_before_it_runs() -> None:
     loaded = subprocess.run([sys.executable, "-c", CHECK], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == ""
-
-
-def test_only_a_live_source_is_followed(tmp_path: Path, images: Path) -> None:
-    folder = load_sensor(sensor_folder(tmp_path / "small"))
-
-    def follows(source: str, **options: bool) -> bool:
-        return assemble_live_sensor(folder, source, **options).sensor.references.following is not None
-
-    assert follows("0") and not follows("0", follow_reference=False)
-    assert not follows(str(images)) and not follows(str(images), loop=True)
 
 
 def test_bad_options_are_refused_before_any_camera_is_touched(tmp_path: Path, images: Path) -> None:

@@ -2,11 +2,10 @@
 
 import socket
 import threading
-from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
-from page_client import LOCAL, PageClient, page_client, served_small_page
+from page_client import LOCAL, served_small_page
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser
 from reading_clients import open_panel, page_errors
@@ -15,12 +14,8 @@ from small_sensor import SkinCamera, wait_until
 
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.errors import DeviceError
-from ninedtact.live.socket_guard import SocketGuard
 from ninedtact.simulation.press_sequence import PressSequence
-from ninedtact.studio.calibration_session import CalibrationSession
-from ninedtact.studio.guided_page import GuidedPageLayout
-from ninedtact.studio.guided_session import SwitchableCamera
-from ninedtact.studio.page_server import PageServer, page_server
+from ninedtact.studio.page_server import page_server
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.saved_files import SaveQuota
 
@@ -122,51 +117,10 @@ def test_no_control_moves_with_what_is_said_and_nothing_is_cut(
         assert places_of_controls("unplugged?") == alive
 
 
-@pytest.mark.parametrize("is_guided", [False, True])
-def test_each_browser_chooses_a_dark_page_for_itself(tmp_path: Path, is_guided: bool) -> None:
-    with ExitStack() as opened:
-        if is_guided:
-            server = opened.enter_context(page_server(LOCAL))
-            session = CalibrationSession(SwitchableCamera(lambda address: SkinCamera(), "0"), tmp_path)
-            GuidedPageLayout(server, session, lambda: {"0": "a camera"}, "Calibration").serve()
-        else:
-            server = opened.enter_context(served_small_page(tmp_path)).server
-        dark, light = (opened.enter_context(page_client(server)) for _ in range(2))
-        dark.use("dark", True)
-        wait_until(lambda: theme(dark))
-        assert not theme(light)
-
-
-def theme(browser: PageClient) -> bool:
-    return bool(browser.until_sent(lambda one: one["type"] == "ThemeConfigurationMessage")["dark_mode"])
-
-
 def test_a_port_in_use_is_refused_and_not_replaced_by_another() -> None:
     with (
         socket.create_server(("127.0.0.1", 0)) as other,
         pytest.raises(DeviceError, match=r"free for the page, got one in use; choose another with --port"),
         page_server(LOCAL, other.getsockname()[1]),
-    ):
-        pass
-
-
-def test_of_several_ports_the_next_free_one_is_taken() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other, page_server(LOCAL) as first:
-        ports = [other.getsockname()[1], first.port]
-        with closing(PageServer(LOCAL)) as server:
-            with pytest.raises(DeviceError, match="got one in use"):
-                server.listen(ports)
-            server.listen([*ports, 0])
-            assert server.port not in ports
-
-
-@pytest.mark.parametrize(
-    ("host", "port"),
-    [("no.such.host.invalid", 0), ("no.such.host.invalid", None), ("127.0.0.1", 70_000), ("127.0.0.1", -1)],
-)
-def test_a_place_that_does_not_exist_is_refused(host: str, port: int | None) -> None:
-    with (
-        pytest.raises(DeviceError, match=r"expected port .*, got .*; choose another"),
-        page_server(SocketGuard(host), port),
     ):
         pass

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -13,7 +13,7 @@ import pytest
 import trimesh
 import viser
 from height_observation import HeightObservationModel
-from page_client import PageClient, ServedPage, served_page, served_small_page
+from page_client import PageClient, ServedPage, served_page
 from page_walk import controls_of, find_layout_faults, open_every_panel, panels_of, use_every_control
 from playwright.sync_api import Browser, Page
 from reading_clients import page_errors
@@ -28,7 +28,7 @@ from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
 from ninedtact.live_sensor import assemble_live_sensor
-from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.mechanics.pose import Pose
 from ninedtact.reading import Reading
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic
@@ -44,10 +44,7 @@ from ninedtact.simulation.simulated_sources import (
 )
 from ninedtact.studio.page_controller import DisplayedSensor, PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
-    MAX_DEPTH_MM,
-    HandPressState,
     TwinPressController,
-    pose_fields,
     read_uploaded_mesh,
 )
 from ninedtact.studio.reading_view import ImageKind, ShownTraction
@@ -270,14 +267,6 @@ def test_a_drag_is_followed_where_the_object_comes_late(
         assert not handle_is_at(0.0)
 
 
-def test_a_moment_without_wrenches_shows_none_of_the_moment_before(tmp_path: Path, twin_sensor: SensorFolder) -> None:
-    with pressed_twin(twin_sensor, tmp_path) as twin, twin.viewer() as (client, viewer):
-        wait_until(lambda: (twin.refresh(), client.shows("N·mm"))[1], PATIENCE_S)
-        wait_until(lambda: client.shows("about the skin"))
-        bare = PageMoment((replace(twin.moment.sensors[0], wrenches=()),))  # of a recording that has none
-        wait_until(lambda: (viewer.show(bare), not client.shows("N·mm") and not client.shows("about the skin"))[1])
-
-
 def test_two_twins_close_on_an_object_like_a_gripper(tmp_path: Path, twin_sensor: SensorFolder) -> None:
     with (
         pressed_twin(twin_sensor, tmp_path, ("left", "right")) as twin,
@@ -395,60 +384,6 @@ def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object(
     assert press is None and stage.contact(81) is not None
     press = stage.press_at(stage.clock.start_ns + round(81e9 / 10))
     assert press is not None and press.indenter is PRESSED.indenter
-
-
-def test_controls_stay_within_their_limits_and_rotations_come_back() -> None:
-    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
-    control.move(depth_mm=99.0, x_mm=-99.0, tilt_x_deg=99.0)
-    assert control.state.depth_mm == MAX_DEPTH_MM and control.state.x_mm == control.limits["x_mm"][0]
-    assert not control.state.is_playing and control.simulation.hand.held_object is not None
-    control.play()
-    assert control.state.is_playing and control.simulation.hand.held_object is None
-    pose = Pose(0, 0, 0, 0.7, -0.2, 0.3)
-    control.move(**pose_fields(Pose.from_frame(pose.origin_mm, pose.rotation)))
-    held = control.state.target.pose
-    assert (held.twist_rad, held.tilt_x_rad, held.tilt_y_rad) == pytest.approx((0.7, -0.2, 0.3))
-
-
-def test_the_side_of_a_mesh_that_faces_the_skin_is_chosen_on_the_page(tmp_path: Path) -> None:
-    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
-    with served_small_page(tmp_path, press=control) as served, served.viewer() as (client, _):
-        plate, sizes = stl(trimesh.creation.box((2, 4, 70))), []
-        for unit, side in (("mm", "bottom (−z)"), ("mm", "left (−x)"), ("fit to 16 mm", "front (−y)")):
-            client.use("unit", unit)
-            client.use("side that faces the skin", side)
-            wait_until(lambda unit=unit: client.control("unit").value == unit)
-            wait_until(lambda side=side: client.control("side that faces the skin").value == side)
-            client.upload("Upload a mesh", "plate.stl", plate)
-            wait_until(lambda number=len(sizes) + 1: len(client.notices) == number, PATIENCE_S)
-            sizes.append(client.notices[-1])
-    assert sizes == [
-        "Mesh taken: plate: 2.0 x 4.0 x 70.0 mm, 12 triangles",
-        "Mesh not taken: expected plate at most 60 mm across, got 70 x 4 x 2 mm; choose another unit, 'fit to 16 mm', or another "
-        "side, and upload it again",
-        "Mesh taken: plate: 0.5 x 16.0 x 0.9 mm, 12 triangles",
-    ]
-
-
-def test_viewers_who_come_later_are_shown_the_mesh_that_presses(tmp_path: Path) -> None:
-    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
-    with served_small_page(tmp_path, press=control) as served, served.viewer() as (client, _):
-        client.upload("Upload a mesh", "part.stl", stl(trimesh.creation.box((2, 4, 7))))
-        wait_until(lambda: len(client.notices) == 1, PATIENCE_S)
-        with served.viewer() as (later, _):
-            assert later.control("kind").value == "own mesh" and later.control("object").value == "part"
-
-
-def test_a_handle_without_a_direction_moves_nothing(tmp_path: Path) -> None:
-    control = TwinPressController(PressSequence(TWIN, [PRESSED]))
-    with pytest.raises(InvalidPose, match="expected a finite twist_rad, got nan"):
-        control.move(depth_mm=0.5, twist_deg=float("nan"))
-    assert control.state == HandPressState()
-    with served_small_page(tmp_path, press=control) as served, served.viewer() as (client, _):
-        for wxyz in ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)):
-            assert control.state.x_mm == 0.0
-            client.drag_handle((1.0, 0.0, HANDLE_LIFT_MM - 0.5), wxyz)
-        wait_until(lambda: served.refresh() and control.state.x_mm == 1.0)
 
 
 def stl(mesh: trimesh.Trimesh) -> bytes:

@@ -4,14 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane, skin, with_hole
+from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane
 
-from ninedtact.design import Gel
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.surface import summarise_shape
 from ninedtact.studio.page_cards import shape_summary_html
-from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, full_range_colour_scale, skin_surface
-from ninedtact.studio.scene_3d import gel_block_under_skin
+from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, skin_surface
 
 SCALE = ColourScale(2.0, 0.5)
 
@@ -38,36 +36,6 @@ def test_triangles_face_outwards_and_join_neighbours() -> None:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     assert normals == pytest.approx(np.tile([-0.2, 0.1, 1] / np.sqrt(1.05), (len(normals), 1)), abs=1e-3)
     assert np.linalg.norm(np.diff(corners, axis=1), axis=2).max() < 1.6 * surface.spacing_mm
-
-
-def test_level_skin_has_the_colour_of_the_map_and_slopes_are_lit_from_the_upper_left() -> None:
-    pressed = skin(np.full((30, 40), -1.0))
-    colours = colourise_heights(pressed, SCALE)
-    assert (skin_surface(pressed, colours).colours == colours[0, 0, ::-1]).all()
-    left, right = plane(30, 40, slope_x=0.5, slope_y=0), plane(30, 40, slope_x=-0.5, slope_y=0)
-    grey = np.full((30, 40, 3), 100, np.uint8)
-    assert skin_surface(left, grey).colours.min() > 100 > skin_surface(right, grey).colours.max()
-
-
-def test_what_is_out_of_view_is_left_out() -> None:
-    height = with_hole(ball_print(40, 60))
-    surface = skin_surface(height, colourise_heights(height, SCALE))
-    assert len(surface.points_mm) == len(surface.colours) == height.in_view.sum()
-    assert np.isfinite(surface.points_mm).all() and surface.faces.max() < len(surface.points_mm)
-
-
-def test_the_block_of_gel_is_as_large_as_what_the_camera_sees() -> None:
-    from small_sensor import SHAPE
-
-    block = gel_block_under_skin(SHAPE, Gel())
-    corners = block.edges_mm.reshape(-1, 3)
-    assert corners.min(axis=0) == pytest.approx([-10, -7.5, -2.5]) and corners.max(axis=0) == pytest.approx(
-        [10, 7.5, 0]
-    )
-    texts = {mark.text: mark.at_mm for mark in block.marks()}
-    assert {"\N{MINUS SIGN}10", "0", "5", "\N{MINUS SIGN}2", "x (mm)", "z (mm)"} <= set(texts)
-    assert texts["\N{MINUS SIGN}2"][2] == -2
-    assert full_range_colour_scale(SHAPE) == ColourScale(2.0, 2.0)
 
 
 def test_a_press_deeper_than_the_curve_is_shown_as_a_lower_limit() -> None:

@@ -6,7 +6,7 @@ from small_sensor import MM_PER_PX, PRESSED_PX, SHAPE, UNTOUCHED, SkinCamera, sk
 
 from ninedtact.capture.frame_source import CameraLost
 from ninedtact.errors import CalibrationError
-from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate
+from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.reference_images import ReferenceImages
@@ -84,18 +84,3 @@ def test_a_reading_offers_shape_and_force() -> None:
     assert reading.contact_area_mm2 == pytest.approx((PRESSED_PX * MM_PER_PX) ** 2, rel=0.3)
     points = reading.points()
     assert points.points_mm[:, 2].min() == pytest.approx(-reading.max_indentation_mm)
-
-
-def test_a_reading_with_an_estimate_keeps_what_was_computed_from_its_image() -> None:
-    with Sensor(SkinCamera(), SHAPE, reference_frames=1) as sensor:
-        bare = sensor.read()
-    before = bare.summary, bare.image_warnings
-    reading = bare.with_force(unknown_wrench_estimate(bare.stamp_ns))
-    assert reading.summary is before[0] and reading.image_warnings is before[1]
-    assert reading.force is not None and bare.force is None and reading.frame is bare.frame
-
-
-def test_without_an_estimator_there_is_no_wrench() -> None:
-    with Sensor(SkinCamera(), SHAPE, reference_frames=1) as sensor:
-        reading = sensor.read()
-    assert reading.wrench is None and reading.wrench_std is None and reading.warnings == ()

@@ -7,24 +7,22 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from subprocess import PIPE
 
 import numpy as np
 import pytest
-from page_client import PageClient, ServedPage, served_page
+from page_client import ServedPage, served_page
 from page_walk import find_layout_faults
 from playwright.sync_api import Browser, Page
 from small_sensor import SkinCamera, image_folder, sensor_folder, sensor_on, wait_until
-from test_recordings_on_page import Bench, ScaledForce
+from test_recordings_on_page import ScaledForce
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.cli import main
-from ninedtact.cli.live import Live
-from ninedtact.errors import InputError
 from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
@@ -179,53 +177,6 @@ def test_a_line_is_picked_on_the_nearest_finger_and_within_its_skin(gripper: Gri
         wait_until(plots_the_right, pause_s=0.03)
 
 
-def is_visible(client: PageClient, number: int) -> bool:
-    sent = [one for one in client.messages if one["type"] == "SetSceneNodeVisibilityMessage"]
-    return next((one["visible"] for one in reversed(sent) if one["name"] == f"/sensor_{number}"), True)
-
-
-@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
-def test_no_skin_of_the_sensors_stands_beside_a_recording_of_one_sensor(gripper: Gripper, tmp_path: Path) -> None:
-    bench = Bench(tmp_path / "bench", gripper.out)
-    with bench.sensor:
-        path = bench.recorder.start()
-        bench.press([75, 75])
-        bench.recorder.stop()
-    with gripper.viewer() as (client, viewer):
-
-        def stand(*visible: bool, status: str) -> bool:
-            gripper.refresh()
-            shown = viewer.moment is not None and viewer.moment.sensors[0].status.sentence.startswith(status)
-            return shown and tuple(is_visible(client, number) for number in (0, 1)) == visible
-
-        wait_until(lambda: stand(True, True, status="live") and path.name in client.control("recording").options)
-        client.use("recording", path.name)
-        wait_until(lambda: stand(True, False, status="recorded"))
-        client.use("sensor", "right")  # which the recording has not: what is shown of it is the sensor that it has
-        wait_until(lambda: stand(False, True, status="recorded"))
-        client.use("Back to the sensor")
-        client.use("sensor", "all side by side")
-        wait_until(lambda: stand(True, True, status="live"))
-
-
-@pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
-def test_what_one_finger_reads_is_saved_before_the_other_has_read(gripper: Gripper) -> None:
-    with gripper.viewer() as (client, viewer):
-
-        def has_read() -> bool:
-            gripper.refresh()
-            return viewer.moment is not None and all(one.reading is not None for one in viewer.moment.sensors)
-
-        wait_until(has_read)
-        assert viewer.moment is not None
-        left, right = viewer.moment.sensors
-        viewer.moment = replace(viewer.moment, sensors=(left, replace(right, view=None)))
-        client.use("Save this reading")
-        wait_until(lambda: bool(client.notices))
-    assert client.notices == [f"Saved: 5 files in {gripper.out}"]
-    assert len(list(gripper.out.glob("reading_*_left_*"))) == len(list(gripper.out.iterdir())) == 5
-
-
 @pytest.mark.parametrize("gripper", [("left", "right")], indirect=True)
 def test_a_lost_finger_is_said_and_the_other_goes_on(gripper: Gripper) -> None:
     with gripper.viewer() as (client, viewer):
@@ -330,16 +281,3 @@ def test_live_shows_named_sources_until_ctrl_c(tmp_path: Path) -> None:
     live.send_signal(signal.SIGINT)
     said, complained = live.communicate(timeout=60)
     assert re.fullmatch(r"stopped after \d+ images of left, \d+ images of right\n", said) and complained == ""
-
-
-def test_wrong_names_and_numbers_of_sensors_are_refused() -> None:
-    with pytest.raises(InputError, match="a name of its own for each of several, such as left=usb:1-2, got 0"):
-        Live(("left=0", "0")).run()
-    with pytest.raises(InputError, match="expected --sensor for left, right, got one for up"):
-        Live(("left=0", "right=1"), ("up=x",)).run()
-    with pytest.raises(InputError, match="expected at most 4 sources on one page, got 5"):
-        Live(tuple(f"{name}=0" for name in "abcde")).run()
-    with pytest.raises(InputError, match=r"expected no --reference with named sources, got a\.png; drop it"):
-        Live(("left=0", "right=1"), reference=(Path("a.png"),)).run()
-    with pytest.raises(InputError, match="expected one --sensor with one --source, got 2"):
-        Live(("0",), ("a", "b")).run()

@@ -9,10 +9,9 @@ import pytest
 from hand_fed import HandFed
 from small_sensor import SHAPE, UNTOUCHED, SkinCamera, image_folder, sensor_on, skin, wait_until
 
-from ninedtact.capture.frame_pacing import DelayCorrectedSource, LatestFrameSource, LivePlayback
+from ninedtact.capture.frame_pacing import DelayCorrectedSource, LivePlayback
 from ninedtact.capture.frame_source import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource, RepeatingSource
-from ninedtact.errors import CameraError
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.quantities import Frame
 from ninedtact.sensor import Sensor
@@ -109,12 +108,6 @@ def test_a_simulation_or_a_recording_is_late_and_not_unplugged(kind: str) -> Non
         assert most_urgent_status(moment, moment.reading, True, now_ns).sentence.startswith("frozen")
 
 
-def test_images_that_are_all_too_old_to_be_read_are_said_too() -> None:
-    late = LatestFrameSource(DelayCorrectedSource(SkinCamera(), 300.0), max_age_ms=100.0, timeout_ms=50.0)
-    with SensorPoller(Sensor(late, SHAPE, reference_frames=1)) as loop:
-        wait_until(lambda: sentence(loop).startswith("images arrive, but this computer is"))
-
-
 def recording(folder: Path, *levels: int) -> ImageFolder:
     return ImageFolder(image_folder(folder / "images", *levels))
 
@@ -124,27 +117,6 @@ def test_a_recording_ends_with_its_last_image(tmp_path: Path) -> None:
         wait_until(lambda: now_in(loop).phase is SensorPhase.ENDED)
         assert deepest_mm(loop) == pytest.approx(1.0, abs=0.01)
         assert sentence(loop).startswith("recording ended, its last image is shown")
-
-
-def test_a_recording_can_go_on_and_on(tmp_path: Path) -> None:
-    with SensorPoller(Sensor(RepeatingSource(recording(tmp_path, 100, 100, 100)), SHAPE, reference_frames=2)) as loop:
-        wait_until(lambda: (reading := now_in(loop).reading) is not None and reading.frame.index > 7)
-        reading = now_in(loop).reading
-        assert reading is not None and reading.dropped == 0
-
-
-def test_a_recording_too_short_for_a_reference_is_refused(tmp_path: Path) -> None:
-    with SensorPoller(Sensor(recording(tmp_path, 100), SHAPE, reference_frames=3)) as loop:
-        wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
-        assert isinstance(now_in(loop).trouble, CameraError)
-        assert "begin with 3 reference images (no contact) and then to continue, got 1 images" in sentence(loop)
-
-
-def test_images_that_nobody_read_count_in_the_length_of_a_recording(tmp_path: Path) -> None:
-    source = LatestFrameSource(recording(tmp_path, 100, 100, 100), max_age_ms=0.0)  # every image is too old
-    with SensorPoller(Sensor(source, SHAPE, reference_frames=2)) as loop:
-        wait_until(lambda: now_in(loop).phase is SensorPhase.FAILED)
-        assert "got 3 images in all" in sentence(loop)
 
 
 @pytest.mark.parametrize("is_silent", [False, True])

@@ -5,7 +5,6 @@ import time
 from itertools import count
 
 import numpy as np
-import pytest
 from small_sensor import wait_until
 
 from ninedtact.capture.frame_source import SourceNotOpen
@@ -14,10 +13,7 @@ from ninedtact.force.estimator_and_scale import unknown_wrench_estimate
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 from ninedtact.studio.page_cards import explained_wrench_table_html, wrench_table_html
-from ninedtact.studio.scene_3d import centre_of_pressure_mm, torque_arc_deg, torque_arc_points_mm
 from ninedtact.studio.wrench_curves import component_curve_and_error_band
-
-PATIENCE_S = 90.0
 
 
 def pushed(force: tuple[float, float, float], at: tuple[float, float], twist_nm: float = 0.0) -> Wrench:
@@ -68,17 +64,6 @@ def test_a_wrench_loop_gives_the_wrench_of_the_asked_moment() -> None:
     assert not weight.is_open
 
 
-def test_an_arrow_stands_where_the_force_goes_through_the_skin() -> None:
-    assert centre_of_pressure_mm(pushed((0.4, 0.2, -2.0), (3.0, -1.5))) == pytest.approx([3.0, -1.5, 0])
-    assert centre_of_pressure_mm(pushed((0.0, 0.0, -0.01), (3.0, -1.5))) is None
-    around = pushed((0.0, 0.0, -2.0), (3.0, -1.5), twist_nm=0.01)
-    assert around.about(np.array([3.0, -1.5, 0.0])).torque_nm[2] == pytest.approx(0.01)
-    arc = torque_arc_points_mm(np.zeros(3), torque_arc_deg(0.01))
-    first, second = arc[0, :2], arc[1, :2]
-    assert first[0] * second[1] - first[1] * second[0] > 0  # a positive torque turns x towards y
-    assert abs(torque_arc_deg(5.0)) < 360 and torque_arc_deg(-0.01) == -torque_arc_deg(0.01)
-
-
 def test_true_and_estimated_wrench_stand_side_by_side() -> None:
     wrench, std = pushed((0.5, 0.0, -3.0), (0.0, 0.0)), np.array([0.1, 0.2, 0.4, 1e-3, 2e-3, 3e-4])
     true = WrenchHistory("true", "of the simulation")
@@ -99,21 +84,6 @@ def test_an_unknown_wrench_is_no_number() -> None:
     assert said.count("unknown") == 6 and "0.00" not in said and "image dark" in said
 
 
-def test_a_wrench_without_a_stated_error_is_a_number() -> None:
-    estimated, six = WrenchHistory("estimated", "by a network", states_errors=True), np.array([0.5, 0, -2, 0, 0, 0])
-    std = np.array([np.inf, 0.1, np.inf, np.inf, np.inf, np.inf])
-    estimated.add_estimate(WrenchEstimate(Wrench(six[:3], six[3:]), np.diag(std**2), True))
-    said = wrench_table_html([estimated.snapshot(None, 0)], is_past=False)
-    assert "unknown" not in said and said.count("±") == 1 and "+0.50<" in said and "\N{MINUS SIGN}2.00<" in said
-
-
-def test_a_component_that_rounds_to_zero_is_not_negative() -> None:
-    true = WrenchHistory("true", "of the simulation")
-    true.add(WrenchWithUncertainty(Wrench(np.array([-0.004, 0, -0.006]), np.zeros(3)), np.full(6, np.nan)))
-    said = wrench_table_html([true.snapshot(None, 0)], is_past=False)
-    assert "\N{MINUS SIGN}0.00" not in said and "+0.00" in said and "\N{MINUS SIGN}0.01" in said
-
-
 def test_texts_on_the_page_are_escaped() -> None:
     true = WrenchHistory("true", 'of <b>"this"</b>', ("<i>notice</i>",))
     true.trouble = ValueError("<u>trouble</u>")
@@ -131,11 +101,3 @@ def test_curves_have_the_band_of_their_error_where_samples_are() -> None:
     value, upper, lower = component_curve_and_error_band(history.snapshot(None, now_ns), at_s, 2, 1.0)
     np.testing.assert_allclose(value, [np.nan, -1, -4.5, -9, np.nan])
     np.testing.assert_allclose([upper, lower], [[-1, -0.5, -4, -8.5, -9], [-1, -1.5, -5, -9.5, -9]])
-
-
-def test_a_history_begins_anew_where_time_goes_back() -> None:
-    history = WrenchHistory("estimated", "by physics", states_errors=True)
-    for second in (1, 2, 3, 1, 2):
-        wrench = Wrench(np.array([0.0, 0.0, -second]), np.zeros(3), stamp_ns=second * 10**9)
-        history.add_estimate(WrenchEstimate(wrench, np.eye(6), True))
-    np.testing.assert_allclose(history.snapshot(None, 2 * 10**9).history[0], [-1, 0])

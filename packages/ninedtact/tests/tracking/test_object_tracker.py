@@ -107,15 +107,6 @@ def test_the_command_writes_the_path_of_a_key(
     assert end["rz_deg_std"] < 1.0 and end["x_mm_std"] < 0.06
 
 
-def test_a_track_that_cannot_be_written_is_one_sentence(
-    pressed_key: tuple[Path, Path, Pose], physical_sensor: SensorFolder, capsys: pytest.CaptureFixture[str]
-) -> None:
-    reference, images, _ = pressed_key
-    words = ["--sensor", physical_sensor.path, "--reference", reference, "--out", "/no/such/folder/path.csv"]
-    assert main(["track", str(images), *map(str, words)]) == 1
-    assert len(capsys.readouterr().err.splitlines()) == 1
-
-
 def test_what_was_followed_before_a_damaged_image_is_kept(
     pressed_key: tuple[Path, Path, Pose],
     physical_sensor: SensorFolder,

@@ -122,13 +122,6 @@ def test_a_jump_is_a_change_beyond_the_limit_of_an_axis_within_20_ms(
                 source.read()
 
 
-def test_a_level_counts_once_it_has_lasted_50_ms_and_a_source_that_is_opened_anew_has_no_level() -> None:
-    for period_ms, refused in ((10.0, 5), (10.1, 5), (12.4, 5), (12.6, 4)):
-        source = CheckedWrenchSource(Played([ZERO, *[[0, 0, -15.0, 0, 0, 0]] * 8], period_ms))
-        for _ in range(2):
-            assert heard(source) == [".", *["WrenchJumped"] * refused, *["."] * (8 - refused)]
-
-
 def test_who_only_looks_skips_what_cannot_be_trusted_and_is_told_once() -> None:
     told: list[WrenchSampleRejected] = []
     flaws = [WrenchFaulty("expected x, got y; z")] * 3
@@ -160,17 +153,6 @@ def test_a_tare_is_the_bias_with_its_noise() -> None:
 def test_a_tare_of_a_load_that_moves_is_refused(moving: np.ndarray) -> None:
     with pytest.raises(TareRefused, match=r"expected a load at rest .* take the hand away"):
         compute_tare(wrenches_of(moving + noisy(1100)), TareSettings())
-
-
-@pytest.mark.parametrize("count", [8, 30, 1000])
-def test_noise_alone_hardly_ever_refuses_a_tare(count: int) -> None:
-    refused, tares = 0, 8_000 // count
-    for seed in range(tares):
-        try:
-            compute_tare(wrenches_of(np.array(noisy(count, BIAS, 1.0, seed))), TareSettings())
-        except TareRefused:
-            refused += 1
-    assert refused <= 0.003 * tares
 
 
 def test_the_mount_turns_what_the_device_feels_into_what_the_object_does_to_the_skin() -> None:
@@ -232,9 +214,3 @@ def test_stamps_follow_the_device_through_bundles_wraps_and_a_clock_that_is_off(
     assert late_ms.min() >= -0.01 and late_ms.max() < 2  # by their arrivals alone: up to 16
     restarted = clock.stamp_ns((device_us[-1] - 10**6) % 2**32, int(arrived[-1]) + 5 * MS)
     assert restarted == arrived[-1] + 5 * MS
-
-
-@pytest.mark.parametrize(("repeats", "frozen"), [(4, False), (5, True)])
-def test_five_repeats_are_a_frozen_reading_of_a_slow_device(repeats: int, frozen: bool) -> None:
-    told = heard(CheckedWrenchSource(Played([BIAS, *[BIAS] * repeats], 100.0)))
-    assert told == ["."] * (repeats + 1 - frozen) + ["WrenchFrozen"] * frozen

@@ -3,7 +3,6 @@
 import struct
 from itertools import pairwise
 
-import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -65,13 +64,3 @@ def test_a_damaged_frame_is_never_believed_and_costs_no_other(sent, bit, is_cut)
     assert parse_serial_frame(damaged) is None
     heard = found(sent[0].to_bytes() + damaged + b"".join(frame.to_bytes() for frame in sent[2:]), [])
     assert heard == [sent[0], *sent[2:]]
-
-
-def test_it_counts_what_it_could_not_use() -> None:
-    finder = SerialFrameParser()
-    assert list(finder.parse(np.arange(200, dtype=np.uint8).tobytes() * 5)) == [] and finder.garbage_bytes > 900
-    frame = SerialFrame(1, 2, (0.0,) * 6)
-    assert list(finder.parse(frame.to_bytes())) == [frame] and finder.garbage_bytes == 0
-    for count in range(FRAME_BYTES):
-        assert finder.wanted_bytes == FRAME_BYTES - count
-        assert list(finder.parse(frame.to_bytes()[count : count + 1])) == [frame] * (count == FRAME_BYTES - 1)
