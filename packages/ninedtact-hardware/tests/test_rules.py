@@ -22,6 +22,8 @@ from ninedtact_hardware.design import (
     PART_TABLES,
     HardwareDesign,
     distance_to_edge_mm,
+    lens_view_radius_mm,
+    original_hardware_design,
     required_camera_distance_mm,
 )
 from ninedtact_hardware.design_sweep import change_design
@@ -37,6 +39,8 @@ from ninedtact_hardware.part_dimensions import (
     ShellDimensions,
     WindowDimensions,
 )
+from ninedtact_hardware.part_geometry import find_round_features
+from ninedtact_hardware.part_solids import build_sensor_base
 
 
 def sensor(width: float = 24, height: float = 18, gel: float = 2.5, cols: int = 9, rows: int = 7) -> SensorDesign:
@@ -118,6 +122,39 @@ BORES, HEADS = "the shell outside its bores", "between counterbore, side of the 
 
 
 @pytest.mark.parametrize(
+    ("wall_mm", "corner_mm", "thin"), [(1.0, 2.0, {BORES, HEADS}), (1.5, 2.0, {HEADS}), (2.0, 5.0, {BORES, HEADS})]
+)
+def test_screws_stay_inside_thin_walls(wall_mm: float, corner_mm: float, thin: set[str]) -> None:
+    """The axes of counterbores of 4.0 and bores of 2.85 lie 0.75 inside the cavity's walls."""
+    small = HardwareDesign(sensor(16, 12, cols=5, rows=3))
+    shell = ShellDimensions(wall_mm=wall_mm, corner_radius_mm=corner_mm)
+    broken = find_broken_rules(replace(small, base=BaseDimensions(corner_radius_mm=corner_mm), shell=shell))
+    assert {each.rule for each in broken} == {"wall_too_thin"}
+    assert {name for name in (BORES, HEADS) if any(name in each.message for each in broken)} == thin
+
+
+@pytest.mark.parametrize(("more_mm", "whole"), [(-0.01, 4), (0.01, 0)])
+def test_a_counterbore_meets_the_side_where_the_distance_says(more_mm: float, whole: int) -> None:
+    """At a rounded corner, too."""
+    design = replace(HardwareDesign(), base=BaseDimensions(corner_radius_mm=4.0))
+    plan = design.horizontal_dimensions
+    wide = 2 * (distance_to_edge_mm(max(plan.shell_screws), plan.outer, 4.0) + more_mm)
+    base = build_sensor_base(replace(design, base=replace(design.base, counterbore_mm=wide)))
+    found = {round(2 * each.radius_mm, 3): len(each.positions) for each in find_round_features(base)}
+    assert found.get(round(wide, 3), 0) == whole
+
+
+@pytest.mark.parametrize("floor_mm", [2.0, 1.4])
+def test_bores_do_not_open_into_the_gel_cavity(floor_mm: float) -> None:
+    """Where the LED board needs more space than the gel, the wall goes on above the bores."""
+    wide, deepest = replace(HardwareDesign().shell, floor_mm=floor_mm), 6.3 + floor_mm - 0.8
+    for deep_mm, area, thin in ((deepest, (24, 18), False), (deepest + 0.1, (24, 18), True), (8.0, (10, 10), False)):
+        shell = replace(wide, bore_deep_mm=min(deep_mm, 8.0))
+        broken = find_broken_rules(replace(HardwareDesign(sensor(*area, cols=4, rows=3)), shell=shell))
+        assert any("the shell above its bores" in each.message for each in broken) == thin
+
+
+@pytest.mark.parametrize(
     ("overlap_mm", "wall_mm", "corner_mm", "rim_mm", "whole"),
     [(0.9, 2.0, 2.0, 1.0, True), (1.0, 2.0, 2.0, 1.0, False), (0.5, 2.5, 5.0, 0.0, False), (0.5, 2.5, 5.0, 1.0, True)],
 )
@@ -140,11 +177,57 @@ def test_the_second_mould_rests_on_the_rim(
     assert min(distance_to_edge_mm(place, plan.outer, corner_mm) for place in gel) == pytest.approx(seat_mm, abs=1e-5)
 
 
+def test_screw_heads_do_not_pass_their_holes() -> None:
+    """0.4 mm of every head bears on the base, and on the base board while the gels are cured; both holes are 2.20 wide."""
+    for head_mm, hole_mm, parts in ((3.0, 2.2, []), (3.0, 2.4, ["base of"]), (2.9, 2.2, ["base of", "base board of"])):
+        fasteners, base = FastenerDimensions(head_mm=(head_mm, 0.85)), BaseDimensions(shell_screw_mm=hole_mm)
+        broken = find_broken_rules(replace(HardwareDesign(), fasteners=fasteners, base=base))
+        assert [each.rule for each in broken] == ["screws_do_not_hold"] * len(parts)
+        assert all(f"hole of the {part}" in each.message for part, each in zip(parts, broken, strict=True))
+
+
+def test_the_calibration_board_ends_above_the_plug() -> None:
+    """The LEDs must be lit while the pins are pressed 1 mm into the skin."""
+    design = HardwareDesign()
+    plug_mm = design.heights.plate_top + design.shell.relief_tall_mm
+    for less_mm, whole in ((0.01, True), (-0.01, False)):
+        guided_mm = design.heights.rim - plug_mm - 1.0 - less_mm
+        tray = replace(design, pin_frame=CalibrationBoardDimensions(guided_mm=guided_mm))
+        assert (names(tray) == set()) == whole and (names(tray) == {"tray_does_not_pass"}) == (not whole)
+
+
 def test_the_remedy_for_a_lens_that_sees_too_little_works() -> None:
     wide = HardwareDesign(sensor(40, 30, cols=15, rows=11))
     assert names(wide) == {"lens_does_not_see_the_corner"}
     camera = replace(wide.sensor.camera, distance_mm=required_camera_distance_mm(wide) + 0.05)
     assert find_broken_rules(HardwareDesign(replace(wide.sensor, camera=camera))) == []
+
+
+def test_what_the_lens_reaches() -> None:
+    """By hand: 0.35 of air, 2 of acrylic, 9.2 and 11.7 of silicone at 80° in air."""
+    design = HardwareDesign()
+    assert lens_view_radius_mm(design, design.heights.rim) == pytest.approx(12.7, abs=0.05)
+    assert lens_view_radius_mm(design) == pytest.approx(15.2, abs=0.05)
+
+
+def test_the_view_between_lens_and_window() -> None:
+    """Air only: 0.35 mm at 80° from the axis, nothing at the lens itself, and half halfway."""
+    design = HardwareDesign()
+    low, high = design.heights.lens_front, design.heights.floor_top
+    radii = [lens_view_radius_mm(design, low + share * (high - low)) for share in (0.0, 0.5, 1.0)]
+    assert radii == pytest.approx([0.0, 0.99, 1.985], abs=0.005)
+
+
+@pytest.mark.parametrize("variant", [HardwareDesign(), original_hardware_design()], ids=lambda it: it.variant)
+def test_a_receptacle_that_cannot_pass_the_wall_is_refused(variant: HardwareDesign) -> None:
+    """The mouth stands 0.09 out over the cavity, and the notches let the board give way by 0.10."""
+    for beyond_mm, slot_from_mm, rules in ((0.35, 1.55, set()), (0.36, 1.55, {"parts_touch"}), (0.8, 0.0, set())):
+        board, shell = (
+            replace(variant.board, usb_beyond_mm=beyond_mm),
+            replace(variant.shell, slot_from_mm=slot_from_mm),
+        )
+        broken = find_broken_rules(replace(variant, board=board, shell=shell))
+        assert {each.rule for each in broken} == rules and all("wall below its slot" in each.message for each in broken)
 
 
 @pytest.mark.parametrize(

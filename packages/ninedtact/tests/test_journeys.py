@@ -170,6 +170,14 @@ def test_the_board_of_a_guided_calibration_that_ends_too_soon_is_kept(
     assert main(["calibrate", "--out", str(tmp_path / "s"), "--images", str(tmp_path / "s_images")]) == 0
 
 
+def test_a_recording_that_ends_too_soon_is_said(
+    real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["calibrate", "--out", str(tmp_path / "s"), "--source", str(real_data / "sensor_a")]) == 1
+    assert "end of the recording" in refusal(capsys)
+    assert not (tmp_path / "s").exists()
+
+
 def refusal(capsys: pytest.CaptureFixture[str]) -> str:
     """The one line on standard error that says expected, got, do this."""
     last = capsys.readouterr().err.strip().splitlines()[-1]
@@ -210,6 +218,20 @@ def test_a_bad_image_is_one_sentence(
     assert main(calibrate_options(real_data / "sensor_a", tmp_path / "out", **{which: bad})) == 1
     refusal(capsys)
     assert not (tmp_path / "out").exists()
+
+
+def test_swapped_images_are_named(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    images = real_data / "sensor_a"
+    swapped = {"board": images / "board_reference.png", "board_reference": images / "board.png"}
+    assert main(calibrate_options(images, tmp_path / "out", **swapped)) == 1
+    assert "swapped" in refusal(capsys)
+    assert (tmp_path / "out_board_not_found.png").stat().st_size > 1000
+
+
+def test_a_folder_that_may_not_be_written(real_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("in the way")
+    assert main([*calibrate_options(real_data / "sensor_a", tmp_path / "file" / "sensor"), *QUICKLY]) == 1
+    refusal(capsys)
 
 
 def test_wrong_use_is_exit_code_two() -> None:

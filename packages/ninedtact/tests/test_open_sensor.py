@@ -1,10 +1,11 @@
 """`ninedtact.open`: the program of the README on a sensor's twin, references of recordings, and what it refuses."""
 
 import doctest
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from shutil import copytree
+from shutil import copytree, rmtree
 from typing import Any
 
 import cv2
@@ -18,6 +19,7 @@ from ninedtact import EstimateWarning, Frame, SensorFolder
 from ninedtact.calibration.drift.reference_check import describe_new_contact, load_reference_image_checker
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
+from ninedtact.cli import main
 from ninedtact.cli.estimate import Estimate
 from ninedtact.errors import InputError
 from ninedtact.force.contact_detection import detect_contact
@@ -131,6 +133,14 @@ def test_only_the_reference_of_live_sources_follows_unless_told_otherwise(
     assert follows(str(recording), True) and not follows("sim", False)
 
 
+def test_a_reference_check_needs_no_folder_once_it_is_loaded(physical_sensor: SensorFolder, tmp_path: Path) -> None:
+    folder = load_sensor(copytree(physical_sensor.path, tmp_path / "copy"))
+    check, frame = load_reference_image_checker(folder), physical_sensor.stored_image("ball_reference")
+    rmtree(folder.path)
+    assert check.find_faults([frame]) == ()
+    check.require_faultless([frame])
+
+
 @pytest.mark.parametrize(("grey", "fault"), [(255, "overexposed"), (0, "dark")])
 def test_a_reference_of_one_grey_level_is_a_fault_and_no_crash(
     grey: int, fault: str, physical_sensor: SensorFolder, tmp_path: Path
@@ -141,6 +151,18 @@ def test_a_reference_of_one_grey_level_is_a_fault_and_no_crash(
     cv2.imwrite(str(tmp_path / "reference.png"), np.full_like(frame.image, grey))
     with pytest.raises(InputError, match=f"expected the reference images to show sensor my_sensor .*; {fault}: "):
         ninedtact.open(physical_sensor, source="sim", force="none", reference=tmp_path / "reference.png")
+
+
+def test_a_white_reference_that_the_sensor_takes_itself_is_reported(
+    physical_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    white = np.full((480, 640, 3), 255, np.uint8)
+    for number in range(12):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), white)
+    with ninedtact.open(physical_sensor, source=str(tmp_path), force="none") as sensor:
+        (fault,) = sensor.reference_faults
+        assert fault.startswith("overexposed: ")
+        assert EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in sensor.read().warnings
 
 
 def contacts_in(recording: Path, **options: Any) -> list[int]:
@@ -164,6 +186,18 @@ def test_the_rest_of_a_recording_is_measured_from_the_reference_taken_anew(recor
     assert np.mean(once[first_new:]) < 0.6 * np.mean(before[first_new:])
 
 
+def test_estimate_takes_the_reference_anew_and_names_a_moment_that_is_not_there(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["estimate", str(recording), "--reference-at"]
+    assert main([*words, f"{RELEASED_S}", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["wrenches"]
+    assert [int(row["image"]) for row in rows if row["touching"]] == list(PRESSED)
+    assert main([*words, "99"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("ninedtact: expected a moment between 0 and 2.80 s")
+
+
 @pytest.mark.parametrize(
     ("moment_s", "said"),
     [
@@ -180,6 +214,13 @@ def test_a_moment_outside_of_the_recording_or_under_contact_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=said):
         ninedtact.open(source=str(recording), force="none", reference_at_s=moment_s)
+
+
+def test_only_a_recording_has_moments(physical_sensor: SensorFolder) -> None:
+    with pytest.raises(
+        InputError, match=r"expected a recording \(\.mcap\) .*, got twin my_sensor; .* take_reference\(\)"
+    ):
+        ninedtact.open(physical_sensor, source="sim", force="none", reference_at_s=1.0)
 
 
 def test_a_light_contact_is_found_against_the_session_and_a_release_is_none(physical_sensor: SensorFolder) -> None:
@@ -280,6 +321,18 @@ def test_the_twin_of_the_sensor_is_estimated_and_not_that_of_the_published_desig
     assert (shown != first_image(ninedtact.source_for("sim"))).any()
 
 
+def test_a_reference_that_a_program_takes_stays_in_spite_of_those_of_the_recording(tmp_path: Path) -> None:
+    path = tmp_path / "pairs.mcap"
+    reference_recording(tmp_path / "small", path, rectified=False)
+    with ninedtact.open(source=path, force="none") as sensor:
+        sensor.use_reference([sensor.read().frame])
+        found = [reading.max_indentation_mm for _, reading in zip(range(2), sensor, strict=False)]
+        assert found == pytest.approx([0.0, 0.0], abs=0.03)
+        chosen = sensor.current_depth_reader
+        for _ in sensor:  # the second reference of the recording comes with its fourth image
+            assert sensor.current_depth_reader is chosen
+
+
 def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_reading(tmp_path: Path) -> None:
     path = tmp_path / "page.mcap"
     own = reference_recording(tmp_path / "small", path, rectified=True)
@@ -293,6 +346,21 @@ def test_a_rectified_reference_of_another_calibration_is_a_warning_on_every_read
         with ninedtact.open(sensor, source=path, force="none") as opened:
             warned = [EstimateWarning.REFERENCE_UNLIKE_CALIBRATION in reading.warnings for reading in opened]
         assert (len(warned), sum(warned)) == (6, expected)
+
+
+def test_an_opening_does_not_know_the_contact_of_the_one_before(physical_sensor: SensorFolder, tmp_path: Path) -> None:
+    twin = physical_sensor.twin()
+    contact = ScriptedPress(0.8).simulate(twin, Ball(4.0))
+    (tmp_path / "images").mkdir()
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / "images" / f"{number}.png"), twin.renderer(contact, number))
+    cv2.imwrite(str(tmp_path / "reference.png"), twin.renderer(None, 9))
+    sensor = ninedtact.open(physical_sensor.path, str(tmp_path / "images"), reference=tmp_path / "reference.png")
+    found = []
+    for _ in range(2):
+        with sensor:
+            found.append([reading.wrench.six for reading in sensor if reading.wrench is not None])
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_estimates_that_overlap_leave_the_number_of_blas_threads_as_it_was() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand import BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
+from hand import BEGAN_NS, BIAS, NOISE, REST_TOUCHES, TOUCH_S, TOUCHES, UNTOUCHED_S, Camera, ForceTorque, at_s, truth
 from twin_folder import twin_folder
 
 from ninedtact.calibration.sensor_folder import load_sensor
@@ -16,8 +16,10 @@ from ninedtact.capture.wrench_source import WrenchSaturated
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
+from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
+from ninedtact.recording.recorded_source import RecordedFrameSource, RecordedWrenchSource
 from ninedtact.recording.topics_and_messages import RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.simulated_sources import SimulatedCamera
@@ -116,6 +118,17 @@ def test_the_wrench_of_a_pair_is_that_of_the_exposure(tmp_path: Path) -> None:
     )
 
 
+def test_images_are_merged_up_to_the_last_sample_of_a_recording(tmp_path: Path) -> None:
+    path, stamps_ns = tmp_path / "both.mcap", [10**12 + number * 33_000_000 for number in range(90)]
+    with RecordingWriter(path, RecordingMetadata("hand")) as writer:
+        for number, stamp_ns in enumerate(stamps_ns):
+            writer.write_image(Frame(np.zeros((48, 64, 3), np.uint8), stamp_ns, number))
+        for stamp_ns in range(10**12, stamps_ns[87] + 1, 1_000_000):  # and two images follow
+            writer.write_measured(Wrench(np.ones(3), np.ones(3), stamp_ns=stamp_ns))
+    items = [one.item for one in merge_recorded_streams(RecordedFrameSource(path), RecordedWrenchSource(path)) if one]
+    assert [item.stamp_ns for item in items if isinstance(item, Frame)] == stamps_ns[:88]
+
+
 def test_recorded_samples_are_checked_in_the_frame_of_the_device(tmp_path: Path) -> None:
     path, mount = tmp_path / "both.mcap", ForceTorqueMount(origin_mm=(1, -2, -35), rotation_deg=(180, 0, 90), sign=-1)
     with RecordingWriter(path, RecordingMetadata("hand")) as writer:
@@ -152,6 +165,19 @@ def test_every_pair_is_on_disk_when_it_is_counted(tmp_path: Path) -> None:
 
     collected(tmp_path / "e.mcap", seen=look)
     assert all(found == counted for found, counted in on_disk) and on_disk[-1][0] > 8
+
+
+def test_an_object_that_is_named_before_the_first_image_begins_with_it(tmp_path: Path) -> None:
+    path, camera = tmp_path / "e.mcap", Camera(1.0)
+    with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode:
+        collector = Collector(episode, SETTINGS, iter(["cup", "key", "nut"]))
+        collector.begin_object()
+        collector.begin_object()
+        for frame in (camera.read(), camera.read()):
+            collector.add(Arrival(frame, frame.stamp_ns))
+    with Recording(path) as read:
+        assert [(event.stamp_ns, event.subject) for event in read.events()] == [(BEGAN_NS, "key")]
+        assert read.began_ns == BEGAN_NS
 
 
 def between(begin_s: float, end_s: float, then: Callable[[float, np.ndarray], np.ndarray | None]) -> ForceTorque:
@@ -231,6 +257,21 @@ def test_contacts_are_undone_one_by_one_and_objects_follow_each_other(tmp_path: 
     assert collector.counts.counts.sum() == 6 * len(pairs) and collector.counts.counts.min() == 0
     with Recording(tmp_path / "e.mcap") as episode:
         assert len(list(episode.labels())) > len(pairs) + 10
+
+
+def test_an_undone_contact_does_not_return_with_the_images_that_wait(tmp_path: Path) -> None:
+    path, undone_at = tmp_path / "e.mcap", round(30 * (SECOND_S + 1.5))
+    with Camera(5.0) as camera, ForceTorque() as force_torque:  # in the order in which devices deliver
+        items = [*camera, *(force_torque.read() for _ in range(round(5.0 * force_torque.hz)))]
+    with RecordingWriter(path, RecordingMetadata("hand"), COLLECTED_TOPICS) as episode:
+        collector = Collector(episode, SETTINGS, iter(["cup"]), np.random.default_rng(0))
+        for item in sorted(items, key=lambda item: item.stamp_ns):
+            collector.add(Arrival(item, item.stamp_ns))
+            if isinstance(item, Frame) and item.index == undone_at:
+                assert collector.undo_last_contact().startswith("undone: the last contact")
+        collector.finish()
+    times_s = np.array([at_s(pair.time_ns) for pair in read_recorded_pairs(path)])
+    assert not ((times_s > SECOND_S + 0.3) & (times_s < undone_at / 30)).any() and (times_s < SECOND_S).sum() > 3
 
 
 def test_a_tare_waits_for_untouched_skin_and_begins_a_new_reference(tmp_path: Path) -> None:

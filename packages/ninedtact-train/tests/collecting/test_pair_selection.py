@@ -8,7 +8,7 @@ import pytest
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.topics_and_messages import PairLabel
-from ninedtact_train.collecting.collection_tare import TareInProgress
+from ninedtact_train.collecting.collection_tare import ReferenceImageDifference, TareInProgress, TareResult
 from ninedtact_train.collecting.collector import WrenchHistory
 from ninedtact_train.collecting.pair_selection import (
     CollectSettings,
@@ -47,6 +47,21 @@ def test_pairs_are_counted_in_twelve_bins_of_each_range() -> None:
     assert counts.last_contact == "a" and counts.objects["cup"] == 2
     assert counts.undo("a") == 1 and counts.undo("a") == 0
     assert counts.counts.sum() == 6 and counts.kinds == {"no_contact": 1} and counts.last_contact is None
+
+
+def test_ranges_without_pairs_are_named_from_border_to_border() -> None:
+    counts = SavedPairCounts(RULE.ranges)
+    assert counts.missing_ranges()[0] == "Fx -3 to 3 N" and counts.missing_ranges()[5] == "Tz -50 to 50 N·mm"
+    for bin_number in (0, 1, 5, 11):
+        counts.add(label(wrench(0, 0, -12 + bin_number + 0.5)))
+    in_z = [text for text in counts.missing_ranges() if text.startswith("Fz")]
+    assert in_z == ["Fz -10 to -7 N", "Fz -6 to -1 N"]
+    for _ in range(96):
+        counts.add(label(wrench(0, 0, -0.5)))
+    counts.add(label(wrench(0, 0, -11.5)))  # two of 101 are hardly any, as is one
+    assert [text for text in counts.missing_ranges() if text.startswith("Fz")] == ["Fz -12 to -1 N"]
+    counts.add(label(wrench(0, 0, -11.5)))
+    assert [text for text in counts.missing_ranges() if text.startswith("Fz")] == ["Fz -11 to -1 N"]
 
 
 @pytest.mark.parametrize(
@@ -101,6 +116,27 @@ def test_light_touches_and_untouched_skin_are_few_and_apart() -> None:
     assert choose.select(moment(7, 0.1, 2.1), counts) == "light_touch"  # fewer than 5 % of 21
 
 
+def test_a_visible_contact_lasts_until_the_image_shows_none() -> None:
+    choose, counts = selector(), SavedPairCounts(RULE.ranges)
+    numbers = []
+    for at_s, change in enumerate((0.0, 1.9, 2.1, 1.1, 0.9, 1.1, 2.1)):
+        choose.select(moment(at_s, 0.25, change), counts)
+        numbers.append((choose.contact, choose.touching))
+    assert numbers == [(0, False), (0, False), (1, True), (1, True), (2, False), (2, False), (3, True)]
+    assert choose.select(moment(8, 1.0), counts) == "rule" and choose.touching and choose.contact == 3
+    choose.begin_contact()
+    assert choose.contact == 4 and choose.select(moment(9, 1.0), counts) == "rule"
+
+
+def test_a_load_is_neither_untouched_skin_nor_a_light_touch() -> None:
+    choose, counts = selector(), SavedPairCounts(RULE.ranges)
+    assert choose.select(moment(3, 0.21), counts) is None
+    assert choose.select(moment(4, 0.1, 1.0), counts) is None
+    counts.add(label(wrench(0, 0, -1.0)))
+    assert choose.select(moment(5, 1.0, 3.0), counts) == "rule"
+    assert choose.select(moment(6, 1.01, 3.0), counts) is None  # pressed, and no news
+
+
 def test_wrenches_are_interpolated_between_their_neighbours() -> None:
     history = WrenchHistory()
     assert history.newest_ns == 0 and history.interpolate(5, S) is None
@@ -146,3 +182,33 @@ def test_a_tare_has_ten_images_and_samples_over_its_whole_time() -> None:
     corner.image[:8, :8] = 103
     tare.add_frame(corner)
     assert tare.finish() is None and "it moves" in tare.advice and not tare.frames and not tare.wrenches
+
+
+def tare_of(image: np.ndarray, zero_n: float, last: TareResult | None = None) -> TareResult | str:
+    """The result of a tare of ten such images with this reading, or the advice where it is none."""
+    tare = TareInProgress(1, SETTINGS, last)
+    for number in range(10):
+        tare.add_frame(Frame(image, number))
+    for at_ms in range(0, 1001, 10):
+        tare.add_wrench(wrench(0, 0, zero_n, at_ns=at_ms * MS))
+    return tare.finish() or tare.advice
+
+
+def test_a_tare_is_refused_where_both_the_skin_and_the_zero_have_changed() -> None:
+    untouched, pressed = grey_frame(100).image, grey_frame(100).image.copy()
+    pressed[16:32, 24:40] = 90
+    first = tare_of(untouched, 0.0)
+    assert isinstance(first, TareResult)
+    assert isinstance(tare_of(pressed, 0.19, first), TareResult)  # a stain, and a zero within what counts as at rest
+    assert isinstance(tare_of(untouched, 0.5, first), TareResult)  # the sensor has warmed up
+    assert tare_of(pressed, 0.21, first) == "do not touch the gel: something presses on it"
+
+
+def test_an_image_differs_by_its_most_changed_block_and_not_by_its_light() -> None:
+    reference = ReferenceImageDifference([grey_frame(99).image, grey_frame(101).image])
+    assert reference.change_levels(grey_frame(120).image) == pytest.approx(0, abs=1e-4)
+    changed = grey_frame(100).image.copy()
+    changed[8:16, 16:24] -= 5
+    changed[40:44, 0:8] += 8  # half a block
+    assert reference.change_levels(changed) == pytest.approx(5, abs=1e-3)
+    assert reference.change_levels(grey_frame(100).image[:40]) == float("inf")

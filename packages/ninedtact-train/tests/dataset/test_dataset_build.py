@@ -12,12 +12,13 @@ from time import monotonic, sleep
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from built_sets import built_from, references_in, rows_in, sources_at
-from little_sources import LittleTree, little_episode
+from built_sets import built_from, full_disk, references_in, rows_in, sources_at
+from little_sources import LittleTree, little_episode, little_tree
 
+from ninedtact.atomic_write import FileNotWritten
 from ninedtact.bounds_and_checked_reading import mapping_checksum
 from ninedtact.design import rectified_mm_per_px
-from ninedtact.errors import FileFormatError, InputError, OutputError
+from ninedtact.errors import DatasetError, FileFormatError, InputError, OutputError
 from ninedtact.recording.reader import read_folder_files
 from ninedtact_train.dataset.build import BuildSettings, build_dataset
 from ninedtact_train.dataset.fault_report import read_quality_report
@@ -80,6 +81,18 @@ def test_several_sources_keep_their_ids_apart(twins: Path, tree: LittleTree, tmp
     assert both[0] == both[1]
 
 
+def test_objects_of_another_seed_are_other_objects(twins: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(twins, copy)
+    settings = {**json.loads((copy / "settings.json").read_text()), "objects_seed": 7}
+    (copy / "settings.json").write_text(json.dumps(settings))
+    with pytest.raises(FileFormatError, match="checksum"):
+        built_from(tmp_path / "edited", copy)
+    (copy / "settings.json").write_text(json.dumps({**settings, "checksum": mapping_checksum(settings)}))
+    built_from(tmp_path / "out", copy)
+    assert {row["object"] for row in rows_in(tmp_path / "out")} <= {"none", "ball:3@7", "cylinder:2,5@7", "cone@7"}
+
+
 def test_the_report_says_where_each_finding_is(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "0.npz").write_bytes(b"no zip")
@@ -100,6 +113,16 @@ def test_the_report_says_where_each_finding_is(tmp_path: Path) -> None:
     assert names == {one.id for one in read_quality_report(tmp_path / "kept" / "report.json").findings}
     assert kept == [row["id"] for row in rows_in(tmp_path / "kept") if row["id"] not in names]
     assert "left out" in (tmp_path / "dropped" / "README.md").read_text()
+
+
+def test_a_card_says_what_a_person_needs(tree: LittleTree, twins: Path, tmp_path: Path) -> None:
+    built_from(tmp_path / "out", tree.root, twins, settings=BuildSettings(licence="CC-BY-4.0"))
+    card = (tmp_path / "out" / "README.md").read_text()
+    assert "\nlicense: cc-by-4.0\n" in card
+    for said in ("35 mm below the skin", "seed 0", "24 pairs (", "Fz", "no faults found", "skin's\ncentre"):
+        assert said.replace("\n", " ") in card.replace("\n", " ")
+    with pytest.raises(InputError, match="mit"):
+        BuildSettings(licence="do what you like\nsplit: none")
 
 
 def test_hugging_face_opens_it(tree: LittleTree, twins: Path, tmp_path: Path) -> None:
@@ -136,6 +159,33 @@ def test_a_killed_build_goes_on_with_any_number_of_workers_and_ends_the_same(tmp
         build_dataset(tmp_path / "none", sources_at(tmp_path / "in"), workers=0)
 
 
+def test_a_stop_while_files_are_put_together_is_made_good(tree: LittleTree, tmp_path: Path) -> None:
+    """Whatever was moved already stays; what was not is still among the parts."""
+    little_episode(tmp_path / "press.npz")
+    whole = built_from(tmp_path / "whole", tree.root, tmp_path / "press.npz")
+    stopped = tmp_path / "stopped"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ninedtact_train.dataset.build._unique_references", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            built_from(stopped, tree.root, tmp_path / "press.npz")
+    assert len(list((stopped / "data").iterdir())) == 2
+    with pytest.raises(FileFormatError, match="finish"):
+        sources_at(stopped)[0].parts()
+    built_from(stopped, tree.root, tmp_path / "press.npz")
+    assert read_folder_files(stopped) == read_folder_files(whole.folder)
+
+
+def interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_a_finished_one_is_left_as_it_is(tree: LittleTree, tmp_path: Path) -> None:
+    built_from(tmp_path / "out", tree.root)
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
+    assert built_from(tmp_path / "out", tree.root).statistics.pairs == 6
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
+
+
 def test_other_sources_are_not_mixed_in(tree: LittleTree, twins: Path, tmp_path: Path) -> None:
     built_from(tmp_path / "out", tree.root)
     with pytest.raises(OutputError, match="another source"):
@@ -147,6 +197,13 @@ def test_other_sources_are_not_mixed_in(tree: LittleTree, twins: Path, tmp_path:
         built_from(tmp_path, tree.root)
     with pytest.raises(OutputError, match="outside of the sources"):
         built_from(tree.root / "out", tree.root)
+
+
+def test_a_full_disk_is_one_sentence_and_nothing_half(tree: LittleTree, tmp_path: Path) -> None:
+    with full_disk(6000), pytest.raises(FileNotWritten, match=r"expected to write .*; free the disk"):
+        built_from(tmp_path / "full", tree.root)
+    assert not list((tmp_path / "full" / "parts").iterdir())
+    assert built_from(tmp_path / "full", tree.root).statistics.pairs == 6
 
 
 def test_damaged_data_sets_are_refused(twins: Path, tmp_path: Path) -> None:
@@ -163,3 +220,11 @@ def test_damaged_data_sets_are_refused(twins: Path, tmp_path: Path) -> None:
     pq.write_table(pq.read_table(last).drop_columns(["wrench"]), first)
     with pytest.raises(FileFormatError, match=r"columns id, image, .* got no column wrench"):
         built_from(tmp_path / "out", copy)
+
+
+def test_nothing_usable_is_a_refusal_that_names_the_list(tmp_path: Path) -> None:
+    tree = little_tree(tmp_path / "Dataset", objects=1, pairs=1)
+    tree.put_wrench("1", "1", np.full(6, np.inf))
+    with pytest.raises(DatasetError, match=r"1 not finite.*report\.json"):
+        built_from(tmp_path / "out", tree.root)
+    assert (tmp_path / "out" / "report.json").is_file()

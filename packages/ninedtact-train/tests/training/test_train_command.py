@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +18,7 @@ from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
 from ninedtact.cli import main
 from ninedtact.design import Gel
-from ninedtact.errors import NinedtactError
+from ninedtact.errors import CalibrationError, NinedtactError
 from ninedtact.force.brightness_channels import to_whole_grey_levels
 from ninedtact.force.estimator_and_scale import ForceScale, write_force_scale
 from ninedtact.force.estimator_loading import build_estimator
@@ -141,6 +143,12 @@ def test_an_image_of_unknown_scale_has_that_of_its_calibration(
     unknown = replace(group, rows=[{**group.rows[0], "mm_per_px": None}])
     (pair,) = unknown.readings(calibrated)
     assert pair.reading.height.mm_per_px == twin_sensor.rectification.mm_per_px != 24 / 460
+
+
+def test_a_sensor_folder_that_a_killed_process_left_is_none(folder: Path, sensors: Path, tmp_path: Path) -> None:
+    given = shutil.copytree(sensors, tmp_path / "sensors")
+    shutil.copytree(given / "a", given / ".b.1a2b3c4d.partial")
+    assert set(load_dataset_sensors(folder, given, 1, progress=False).by_name) == {"a", "b"}
 
 
 def test_an_image_that_no_press_can_cause_is_reported_and_its_predictions_can_be_read_again(
@@ -293,6 +301,27 @@ def test_edited_calibrations_and_those_of_another_sensor_are_told(
         assert told[1:] == [of_b] and told[0].startswith(f"{path} was edited or damaged")
 
 
+def test_images_that_no_calibration_fits_are_refused(
+    calibrated: dict[str, DatasetSensorCalibration], tmp_path: Path
+) -> None:
+    small = data_set(tmp_path / "small", pairs=4, size=(64, 48))
+    with pytest.raises(CalibrationError, match="460 x 345, as sensor 'a'"):
+        load_height_pairs(small, calibrated, GRID.grid)
+    with pytest.raises(CalibrationError, match="'b'"):
+        load_height_pairs(small, {"a": calibrated["a"]}, GRID.grid)
+
+
+def test_pairs_of_a_twin_that_could_not_be_calibrated_are_left_out(
+    folder: Path, calibrated: dict[str, DatasetSensorCalibration], tmp_path: Path
+) -> None:
+    whole = load_height_pairs(folder, calibrated, GRID.grid)
+    some = load_height_pairs(folder, {"a": calibrated["a"]}, GRID.grid, tmp_path / "cache", left_out=["b"])
+    of_a = whole.sensors == "a"
+    assert 0 < of_a.sum() < len(of_a) and (some.sensors == "a").all()
+    np.testing.assert_array_equal(some.z_mm, whole.z_mm[of_a])
+    np.testing.assert_array_equal(some.wrenches, whole.wrenches[of_a])
+
+
 def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
     twin_sensor: SensorFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -312,3 +341,15 @@ def test_a_twin_that_no_calibration_is_possible_of_is_told_and_not_tried_again(
     assert found.notices == (
         "pairs of one are left out, it could not be calibrated: expected a ball, got none; press one",
     )
+
+
+def test_missing_files_are_refused_before_torch_is_imported(tmp_path: Path) -> None:
+    words = ["train", "--data", str(tmp_path), "--out", str(tmp_path / "model")]
+    program = f"""
+import sys
+from ninedtact.cli import main
+print(main({words}), main({words} + ["--split", "nowhere"]), "torch" in sys.modules)
+"""
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert ran.stdout.split() == ["1", "1", "False"]
+    assert "expected a data set, got" in ran.stderr and "expected a split in nowhere, got" in ran.stderr

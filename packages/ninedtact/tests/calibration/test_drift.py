@@ -17,7 +17,7 @@ from ninedtact.calibration.original_9dtact.import_export import import_original_
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.cli.check import CheckCommand
-from ninedtact.errors import CalibrationError, FileFormatError
+from ninedtact.errors import CalibrationError, FileFormatError, InputError
 from ninedtact.quantities import BgrImage
 
 SENSORS = ("sensor_a", "sensor_i", "sensor_j")
@@ -83,6 +83,13 @@ def test_whatever_touches_is_noticed(name: str, press: str, known: dict, images:
     assert diagnoses(known[name], images[name][press]) == ["something touches the gel"]
 
 
+def test_the_contact_is_where_the_ball_is(known: dict, images: dict) -> None:
+    contact = measure_drift(known["sensor_a"], images["sensor_a"]["ball"]).change.contact
+    assert contact is not None
+    assert (contact.x_mm, contact.y_mm) == pytest.approx((0.7, 0.7), abs=0.4)
+    assert contact.area_mm2 == pytest.approx(np.pi * 3.4**2, rel=0.25)
+
+
 CHANGES: dict[str, tuple[Callable[[BgrImage], BgrImage], str]] = {
     "dimmer by 5 %": (lambda image: times(image, 0.95), "gain changed"),
     "brighter by 5 %": (lambda image: times(image, 1.05), "gain changed"),
@@ -129,7 +136,7 @@ def test_a_blurred_image_is_out_of_focus_and_neither_moved_nor_another_sensor(kn
             assert finding.diagnosis == "out of focus" and "fine detail" in finding.because
 
 
-@pytest.mark.parametrize("exponent", [0.8, 1.25])
+@pytest.mark.parametrize("exponent", [0.6, 0.8, 1.25])
 def test_a_gamma_is_told_from_a_gain(exponent: float, known: dict, images: dict) -> None:
     for name in SENSORS:
         image = images[name]["board_reference"]
@@ -137,9 +144,33 @@ def test_a_gamma_is_told_from_a_gain(exponent: float, known: dict, images: dict)
         assert diagnoses(known[name], times(image, 1.3 - 0.3 * exponent))[0] == "gain changed"
 
 
+def test_what_the_skin_was_like_before_the_board_is_no_contact(known: dict, images: dict) -> None:
+    """A skin that recovers slowly is pressed in one reference image of its calibration, compared with the other."""
+    before = images["sensor_a"]["board_reference"]
+    rows, cols = np.indices(before.shape[:2])
+    apart = np.hypot(cols - 300, rows - 240)
+    swollen = 1 + 0.04 * np.exp(-((apart / 25) ** 2)) - 0.02 * np.exp(-(((apart - 45) / 15) ** 2))
+    slow = replace(known["sensor_a"], depth_image=times(before, swollen[..., None]))
+    assert diagnoses(replace(slow, lens_image=slow.depth_image), before) == ["something touches the gel"]
+    assert diagnoses(slow, before) == []
+
+
 def test_another_sensor_is_another_skin(known: dict, images: dict) -> None:
     for mine, other in (("sensor_a", "sensor_i"), ("sensor_i", "sensor_j"), ("sensor_j", "sensor_a")):
         assert diagnoses(known[mine], images[other]["board_reference"]) == ["another sensor's gel"]
+
+
+def test_figures_are_right(known: dict, images: dict) -> None:
+    found = measure_drift(
+        known["sensor_a"], times(moved(spotted(images["sensor_a"]["ball_reference"], -0.1, 20), 2, -1), 0.9)
+    )
+    assert found.moved.shift_px == pytest.approx((2, -1), abs=0.2)
+    assert found.known.mm_per_raw_px == pytest.approx(0.0518, rel=0.03)
+    assert found.change.gain == pytest.approx(0.9, abs=0.003)
+    (mark,) = found.change.marks
+    assert mark.change == pytest.approx(-0.1, abs=0.01)
+    assert mark.area_mm2 == pytest.approx(np.pi * (21 * 0.0518) ** 2, rel=0.35)
+    assert found.height_mm > found.known.height_mm(np.array(0.08), np.array(160.0))
 
 
 def test_an_image_that_cannot_be_compared_is_refused(known: dict[str, CalibratedReference]) -> None:
@@ -168,6 +199,21 @@ def test_the_command_ends_with_the_diagnosis(
     assert "20.0% dimmer" in said and "on 99 % of the view; with today's they are not" in said
 
 
+def test_an_image_of_a_press_is_not_said_to_be_a_good_reference(
+    sensor_a: SensorFolder, images: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pressed = tmp_path / "pressed.png"
+    cv2.imwrite(str(pressed), images["sensor_a"]["ball"])
+    assert CheckCommand(sensor_a.path, (pressed,)).run() == 1
+    said = capsys.readouterr().out
+    assert "something touches the gel" in said and said.endswith("mm on 99 % of the view\n")
+
+
+def test_a_command_without_images_says_so(sensor_a: SensorFolder) -> None:
+    with pytest.raises(InputError, match="at least one reference image"):
+        CheckCommand(sensor_a.path, ()).run()
+
+
 def test_an_imported_sensor_has_nothing_to_compare_with(tmp_path: Path) -> None:
     imported = import_original_calibration(UpstreamFolder().write(tmp_path / "sensor_2"), tmp_path / "ours")
     with pytest.raises(SensorFolderDamaged, match="imported"):
@@ -188,7 +234,7 @@ def test_one_full_channel_is_overexposed(images: dict[str, dict[str, BgrImage]])
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("light", [0.55, (0.0, 0.0, 1.0)], ids=str)
+@pytest.mark.parametrize("light", [0.35, 0.55, (0.0, 0.0, 1.0)], ids=str)
 def test_a_dim_sensor_is_called_dim_and_neither_moved_nor_another(
     sensor: str, light: float | tuple[float, ...], known: dict, images: dict
 ) -> None:

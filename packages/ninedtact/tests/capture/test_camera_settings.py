@@ -10,8 +10,9 @@ from bench_camera import BenchCamera, BenchPi
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import LivePlayback
-from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings, ImageFileList
+from ninedtact.capture.frame_source import FIXED_EXPOSURE, CameraLost, CameraSettings, ImageFileList, SourceNotOpen
 from ninedtact.capture.raspberry_pi_camera import RaspberryPiCamera
+from ninedtact.capture.shared_video_capture import ThreadSafeVideoCapture
 from ninedtact.capture.uvc_camera import UvcCamera
 from ninedtact.cli.shared_options import CameraOptions
 from ninedtact.errors import CameraError, InputError
@@ -184,6 +185,28 @@ def test_a_raspberry_pi_is_read_back_too() -> None:
         assert camera.read().image.shape == (480, 640, 3)
 
 
+def test_a_raspberry_pi_camera_is_lost_after_two_seconds_of_silence() -> None:
+    pi = BenchPi()
+    with RaspberryPiCamera(settings=CameraSettings(size_px=None), opener=lambda number: pi) as camera:
+        assert [camera.read().index for _ in range(3)] == [0, 1, 2] and (pi.cols, pi.rows) == (640, 480)
+        pi.is_silent = True
+        with pytest.raises(CameraLost, match="check the ribbon cable") as lost:
+            camera.read()
+        assert lost.value.__cause__ is not None and lost.value.__cause__.args == (2.0,)
+    assert pi.is_closed
+
+
+def test_an_image_that_waited_in_the_driver_is_stamped_with_its_arrival() -> None:
+    """However long it waited, as long as another one had not to."""
+    bench = BenchCamera(driver_delay_ms=70.0)
+    with UvcCamera(0, opener=bench.open_capture) as camera:
+        for bench.driver_delay_ms in (70.0, 3000.0):
+            time.sleep(bench.driver_delay_ms / 1e3 - 0.07 + 0.01)
+            stamp_ns = camera.read().stamp_ns
+            assert bench.driver_delay_ms <= (time.monotonic_ns() - stamp_ns) / 1e6 < bench.driver_delay_ms + 900
+        assert not camera.notices
+
+
 @pytest.mark.parametrize("delay_ms", [9000.0, 900.0, 150.0, -50.0, -900.0])
 def test_a_constant_offset_of_the_driver_is_taken_out_and_said(delay_ms: float) -> None:
     told: list[str] = []
@@ -232,3 +255,30 @@ def test_the_exposure_is_fixed_in_whichever_mode_the_camera_has(modes: tuple[int
         with UvcCamera(0, wish, bench.open_capture) as camera:
             got = camera.current_settings
         assert (got.auto_exposure, got.exposure_ms) == (is_automatic, exposure_ms)
+
+
+def test_a_setting_that_the_camera_does_not_report_is_none() -> None:
+    capture = BenchCamera().open_capture(0)
+    with UvcCamera(0, opener=lambda device: capture) as camera:
+        assert camera.current_settings == CameraSettings((640, 480), 29.97, "YUYV", True, None, 0, False, 2800, True)
+        capture.values |= {cv2.CAP_PROP_AUTO_WB: 1, cv2.CAP_PROP_AUTO_EXPOSURE: 1}
+        assert camera.current_settings == CameraSettings((640, 480), 29.97, "YUYV", False, 0.1, 0, True, None, True)
+        del capture.values[cv2.CAP_PROP_AUTO_EXPOSURE]
+        assert camera.current_settings.auto_exposure is None and camera.current_settings.exposure_ms == 0.1
+        capture.values[cv2.CAP_PROP_FOURCC] = 0
+        assert camera.current_settings.pixel_format is None
+        capture.values.clear()
+        assert camera.current_settings == CameraSettings()
+    with pytest.raises(SourceNotOpen):
+        _ = camera.current_settings
+
+
+def test_a_device_is_neither_read_nor_asked_after_its_release() -> None:
+    bench = BenchCamera()
+    shared = ThreadSafeVideoCapture("camera 0", bench.open_capture(0))
+    assert shared.query(lambda capture: capture.get(cv2.CAP_PROP_GAIN)) == 0
+    shared.release()
+    for use in (shared.read, lambda: shared.query(lambda capture: capture.get(cv2.CAP_PROP_GAIN))):
+        with pytest.raises(SourceNotOpen, match="expected camera 0 to be open"):
+            use()
+    assert bench.held == 0

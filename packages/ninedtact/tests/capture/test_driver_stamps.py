@@ -46,6 +46,14 @@ def test_stamps_increase_and_tell_when_an_image_was_taken(
         assert offset_ms or not errors_ns.any()
 
 
+def test_jumps_back_are_counted_and_said() -> None:
+    taken_ns = BEGAN_NS + np.arange(62) * 33_333_333
+    said_ns = taken_ns - 200 * MS * (np.arange(62) % 5 == 4)
+    errors_ns, notices = corrected(taken_ns, taken_ns + 5 * MS, said_ns)
+    assert not errors_ns.any()
+    assert len(notices) == 1 and "12 of 62 images" in notices[0]
+
+
 @given(step_ms=some.integers(-5000, 5000), at=some.integers(1, 60))
 def test_a_step_of_the_drivers_clock_is_followed(step_ms: int, at: int) -> None:
     taken_ns = BEGAN_NS + np.arange(IMAGES * 3) * 33_333_333

@@ -85,6 +85,19 @@ def test_under_freshest_the_reader_sees_no_old_image_meanwhile(kind: Callable[[]
         plug(False)  # and closing while it is away ends the wait
 
 
+def test_closing_while_the_camera_is_away_leaves_nothing_open() -> None:
+    camera = BenchCamera()
+    lost = threading.Event()
+    freshest = LatestFrameSource(
+        ReconnectingFrameSource(UvcCamera(0, opener=camera.open_capture), lambda loss: lost.set(), retry_ms=60_000.0)
+    )
+    with freshest:
+        camera.plugged_in = False
+        assert lost.wait(20)
+    assert camera.held == 0
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("fetch")]
+
+
 def wrong_frame(**parts: Any) -> Frame:
     """A frame with parts of other types, which only a program without checked types can make."""
     frame = Frame(np.zeros((4, 5, 3), np.uint8))

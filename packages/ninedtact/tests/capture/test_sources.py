@@ -202,6 +202,24 @@ def test_a_recording_that_is_repeated_counts_on_and_starts_anew_when_it_is_opene
         assert source.read().index == 0
 
 
+def test_a_recording_that_is_closed_while_it_ends_is_not_started_again() -> None:
+    class EndsWhileClosed(HandFed):
+        opened = 0
+
+        def open(self) -> None:
+            self.opened += 1
+
+        def read(self) -> Frame:
+            repeating.close()
+            raise SourceEnded("expected another image, got the end; stop")
+
+    recording = EndsWhileClosed()
+    repeating = RepeatingSource(recording)
+    with repeating, pytest.raises(SourceNotOpen):
+        repeating.read()
+    assert recording.opened == 1
+
+
 def test_the_delay_of_a_camera_is_subtracted_from_the_stamps_of_its_images() -> None:
     fed = HandFed()
     with DelayCorrectedSource(fed, 42.0) as source:
@@ -312,6 +330,14 @@ def test_a_camera_that_redirects_to_another_port_is_not_followed(status: int) ->
         server.shutdown()
 
 
+def test_a_page_that_is_no_stream_and_a_file_that_is_no_video_are_refused(tmp_path: Path) -> None:
+    with MjpegCamera() as camera, pytest.raises(CameraError), NetworkStream(camera.url.replace("stream", "other")):
+        pass
+    (tmp_path / "video.mp4").write_bytes(b"not a video" * 100)
+    with pytest.raises(FileFormatError, match="expected a video"), VideoFile(tmp_path / "video.mp4"):
+        pass
+
+
 def written_video(path: Path, codec: str, size: tuple[int, int] = (64, 48)) -> bytes:
     """Thirty images of rising brightness, with a pattern that fills the bytes of each."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 30.0, size)
@@ -362,6 +388,25 @@ def test_a_damaged_video_gives_its_whole_images_and_then_says_how_many_are_missi
     images = np.array(list(whole.values()), np.int16)
     assert all((np.abs(images - frame.image).max((1, 2, 3)) <= 1).any() for frame in frames)
     assert capfd.readouterr() == ("", "")
+
+
+def test_images_that_a_decoder_gives_up_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "press.mp4"
+    path.write_bytes(zeroed(written_video(path, "mp4v"), 0.5, 200))
+    with VideoFile(path) as video, pytest.raises(SourceIncomplete, match="are missing or damaged") as said:
+        list(video)
+    assert said.value.uncounted > 0 and not video.damaged
+
+
+def test_the_images_of_a_video_are_stamped_by_their_own_times(tmp_path: Path) -> None:
+    """A third of a second between images, whatever the rate at which they are read."""
+    writer = cv2.VideoWriter(str(tmp_path / "slow.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 3.0, (64, 48))
+    for _ in range(5):
+        writer.write(np.zeros((48, 64, 3), np.uint8))
+    writer.release()
+    with VideoFile(tmp_path / "slow.mp4") as video:
+        stamps_ns = [frame.stamp_ns for frame in video]
+    assert np.diff(stamps_ns) / 1e9 == pytest.approx([1 / 3] * 4, abs=1e-3) and stamps_ns[-1] < time.monotonic_ns()
 
 
 def test_a_video_whose_images_change_their_size_ends_there(tmp_path: Path) -> None:

@@ -105,6 +105,14 @@ def test_a_contact_takes_in_what_is_deep_and_what_is_joined_to_it(
     np.testing.assert_array_equal(sunk, expected)
 
 
+def test_cells_that_are_half_as_dark_as_the_darkest_are_in_contact_at_any_height() -> None:
+    """Deep presses saturate the depth curve, and a depth reader may then give heights that are too shallow."""
+    z_mm, change = np.zeros((2, 20, 26), np.float32)
+    change[BLOCK], change[FAR] = -0.2, -0.05  # the smaller patch is a quarter as dark at most
+    region = find_contact_region(change, z_mm, np.ones_like(z_mm), 1e-4, 1, SETTINGS)
+    assert region is not None and region[BLOCK].all() and not region[FAR].any()
+
+
 def test_pressure_beside_what_is_unseen_reaches_it() -> None:
     in_view, pressure = np.ones((8, 9), np.float32), np.zeros((8, 9), np.float32)
     in_view[:, 0], pressure[4, 5] = 0, 2.0

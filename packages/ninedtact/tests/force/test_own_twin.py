@@ -41,3 +41,11 @@ def test_gel_that_a_wide_press_displaces_is_no_change_of_the_light(item: str, ph
         found = estimator.estimate(reading)
         assert found.wrench.six[2] == pytest.approx(press.wrench.six[2], rel=0.06), gain
         assert not found.warnings
+
+
+def test_a_wide_object_at_the_border_is_a_plausible_press(physical_sensor: SensorFolder) -> None:
+    twin, shape = physical_sensor.twin(), physical_sensor.shape
+    depth_reader = shape.depth_reader(*(Frame(twin.renderer(None, -number)) for number in range(1, 9)))
+    for item, depth_mm in (("gear_07", 0.5), ("key_05", 0.9)):
+        press = twin.press(None, indenter_from_name(item), Pose(1.2, 0.5, depth_mm))
+        assert not read_frame(Frame(twin.renderer(press.corrected, 1)), shape, depth_reader).image_warnings

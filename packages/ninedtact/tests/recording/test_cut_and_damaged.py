@@ -1,11 +1,13 @@
 """Recordings whose end is missing, whose content is damaged, and those that are no recordings; and labels, which rewrite a file."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +20,10 @@ from mcap.writer import Writer
 
 from ninedtact.cli import main
 from ninedtact.errors import CameraError, OutputError
-from ninedtact.recording.errors import RecordingUnreadable
+from ninedtact.recording.errors import RecordingStopped, RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans, write_whole_copy
 from ninedtact.recording.metadata import METADATA_RECORD, RECORDING_FORMAT, RecordingMetadata
-from ninedtact.recording.reader import Recording
+from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 
@@ -68,6 +70,19 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_chunk_and_copied_whole(tm
                 read_beginning(copy) == found == tuple(count_as_others_do(copy)[topic.path("small")] for topic in BOTH)
             )
     assert before == ALL and len(ends) > 10
+
+
+def test_a_file_whose_end_a_power_cut_left_as_zeros_is_read_to_its_last_undamaged_chunk(tmp_path: Path) -> None:
+    path = write_episode(tmp_path / "zeros.mcap")
+    content, chunks, before = path.read_bytes(), summary_of(path).chunk_indexes, (0, 0)
+    for chunk in chunks[1:]:
+        zeroed = chunk.chunk_start_offset + chunk.chunk_length // 2
+        path.write_bytes(content[:zeroed] + bytes(len(content) - zeroed))
+        assert before < (before := read_beginning(path))
+    path.write_bytes(content[: chunks[-1].chunk_start_offset + chunks[-1].chunk_length + 4] + bytes(5000))
+    assert read_beginning(path) == ALL
+    path.write_bytes(content[: chunks[0].chunk_start_offset + 100] + bytes(5000))
+    assert read_beginning(path) == (0, 0)
 
 
 def test_a_changed_description_a_changed_attachment_and_a_missing_message_are_refused(tmp_path: Path) -> None:
@@ -155,6 +170,30 @@ def test_a_recording_that_is_being_written_is_read_and_is_not_said_to_be_cut(
     assert "expected --whole-copy to be a new file" in capsys.readouterr().err
 
 
+@contextmanager
+def disk_of(size: int) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path: Path) -> None:
+    path = tmp_path / "full.mcap"
+    with disk_of(30_000), pytest.raises(RecordingStopped, match=r"expected .* got .*; free the disk"):
+        write_episode(path)
+    assert path.stat().st_size <= 30_000
+    images, samples = read_beginning(path)
+    assert images >= 3 and samples >= 50
+    write_whole_copy(path, tmp_path / "copy.mcap")
+    assert count_as_others_do(tmp_path / "copy.mcap")["/small/image_raw"] == images
+    with disk_of(100), pytest.raises(RecordingStopped):
+        write_episode(tmp_path / "at_once.mcap")
+    assert not (tmp_path / "at_once.mcap").exists()
+
+
 @pytest.mark.parametrize("at", [5, 7, 8, 9, 14])
 def test_an_interruption_at_any_write_leaves_whole_records(
     at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -239,6 +278,22 @@ def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> 
             Recording(path)
 
 
+def test_sensors_of_a_recording_are_named_and_no_two_alike(tmp_path: Path) -> None:
+    path = write_metadata(tmp_path / "two.mcap", "left", "right")
+    assert recorded_sensor_addresses(path) == [f"{path}#left", f"{path}#right"]
+    assert recorded_sensor_addresses(f"{path}#left") == [f"{path}#left"]
+    with Recording(f"{path}#right") as recording:
+        assert recording.metadata.name == "right" and recording.duration_s == recording.began_ns == 0
+    for address, got in ((path, "got none; name it as .*#left"), (f"{path}#middle", "got 'middle'")):
+        with pytest.raises(RecordingUnreadable, match=f"expected one of the sensors left, right of .* {got}"):
+            Recording(address)
+    with pytest.raises(RecordingUnreadable, match="two sensors of the same name"):
+        Recording(f"{write_metadata(tmp_path / 'alike.mcap', 'left', 'left')}#left")
+    alone = write_metadata(tmp_path / "alone.mcap", "")
+    with pytest.raises(RecordingUnreadable, match=r"expected no name of a sensor .* got 'left'; drop it"):
+        Recording(f"{alone}#left")
+
+
 def test_labels_replace_each_other_and_leave_everything_else_as_it_was(tmp_path: Path) -> None:
     path = write_episode(tmp_path / "labelled.mcap")
     before, channels = messages_of(path), summary_of(path).channels
@@ -260,3 +315,17 @@ def test_labels_replace_each_other_and_leave_everything_else_as_it_was(tmp_path:
 def messages_of(path: Path) -> list[Message]:
     with path.open("rb") as file:
         return [message for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
+
+
+def test_labels_of_a_recording_that_was_cut_short_are_written_with_its_whole_copy(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(write_episode(tmp_path / "whole.mcap").read_bytes()[:-100])
+    for age_s in (4.0, -4.0):  # another computer may be writing it, whose clock may be ahead
+        os.utime(cut, (time.time() - age_s,) * 2)
+        with pytest.raises(OutputError, match=r"or was until 5 s ago; wait, and label it then"):
+            edit_labelled_spans(cut, lambda _: [PUSH])
+    os.utime(cut, (time.time() - 5.5,) * 2)
+    assert edit_labelled_spans(cut, lambda _: [PUSH]) == [PUSH]
+    with Recording(cut) as recording:
+        assert recording.is_finished and recording.is_repaired and recording.spans() == [PUSH]
+    assert read_beginning(cut) == ALL

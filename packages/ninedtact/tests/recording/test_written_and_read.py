@@ -189,6 +189,21 @@ def test_wrench_and_errors_of_an_estimate_are_recorded_about_the_skin_centre(tmp
     assert found.touching
 
 
+def test_estimates_of_images_with_one_stamp_are_those_of_their_image(tmp_path: Path) -> None:
+    """As on a computer whose clock has coarse steps."""
+    path, image = tmp_path / "alike.mcap", frame(0)
+    with RecordingWriter(path, RecordingMetadata("small")) as episode:
+        for index, warnings in ((0, ()), (1, (EstimateWarning.PART_UNSEEN,))):
+            episode.write_image(Frame(image.image, image.stamp_ns, index))
+            wrench = Wrench(np.full(3, 1.0 + index), np.zeros(3), stamp_ns=image.stamp_ns)
+            episode.write_estimated(WrenchEstimate(wrench, np.eye(6) * (1 + index), True, warnings), index)
+    with Recording(path) as recording:
+        first, second = recording.estimates()
+    assert (first.wrench.force_n[0], first.covariance[0, 0], first.warnings) == (1.0, 1.0, ())
+    assert (second.wrench.force_n[0], second.covariance[0, 0]) == (2.0, 2.0)
+    assert second.warnings == (EstimateWarning.PART_UNSEEN,)
+
+
 def test_an_exported_recording_counts_and_numbers_what_it_holds_and_keeps_what_is_there(tmp_path: Path) -> None:
     path, out = tmp_path / "tared.mcap", tmp_path / "out"
     with RecordingWriter(path, RecordingMetadata("small")) as episode:

@@ -86,6 +86,17 @@ def test_a_sharp_spot_is_dirt_and_what_is_beneath_it_stays(
     assert np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 4)).max() < max(0.02, hidden)
 
 
+def test_presses_of_real_sensors_are_neither_dirt_nor_bands(sensor_a: SensorFolder, real_data: object) -> None:
+    """A ball is read as before, and a board, under which no skin is flat, is not corrected."""
+    folder = real_data / "sensor_a"  # type: ignore[operator]
+    for press in ("ball", "board"):
+        reader = sensor_a.shape.depth_reader(Frame(read_image(folder / f"{press}_reference.png")))
+        frame = Frame(read_image(folder / f"{press}.png"))
+        read = read_frame(frame, sensor_a.shape, reader)
+        np.testing.assert_array_equal(read.rectified.grey, sensor_a.shape.rectify(frame).grey)
+        assert not read.light.warnings
+
+
 @pytest.mark.parametrize("gain", [0.95, 1.02, 1.05])
 def test_a_real_press_in_other_light_has_its_depth_and_says_why(
     gain: float, sensor_a: SensorFolder, real_data: object

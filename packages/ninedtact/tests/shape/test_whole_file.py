@@ -2,6 +2,7 @@
 
 import errno
 import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,12 @@ def test_content_appears_whole_and_replaces_what_was_there(tmp_path):
     write_file_atomically(path, b"first ", memoryview(b"second"))
     assert path.read_bytes() == b"first second"
     assert [found.name for found in tmp_path.iterdir()] == ["file"]
+
+
+def test_others_may_read_it_as_any_new_file(tmp_path):
+    (tmp_path / "plain").touch()
+    write_file_atomically(tmp_path / "whole", b"")
+    assert stat.S_IMODE((tmp_path / "whole").stat().st_mode) == stat.S_IMODE((tmp_path / "plain").stat().st_mode)
 
 
 def test_until_the_end_only_the_old_file_is_seen(tmp_path):
@@ -47,6 +54,13 @@ def test_a_full_disk_is_told_in_one_sentence(tmp_path):
             raise OSError(errno.ENOENT, "No such file or directory")
 
 
+def test_a_folder_in_its_place_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "file").mkdir()
+    with pytest.raises(FileNotWritten):
+        write_file_atomically(tmp_path / "file", b"content")
+    assert [found.name for found in tmp_path.iterdir()] == ["file"]
+
+
 @pytest.mark.parametrize("is_there", [True, False])
 def test_through_a_link_is_written_what_it_names(tmp_path, is_there):
     """A link is kept, and what it names has the new content; /dev/stdout is such a link, too."""
@@ -75,6 +89,18 @@ def test_a_device_or_a_pipe_is_not_replaced(tmp_path):
         with pytest.raises(FileNotWritten, match="which is a device or a pipe; name a file"):
             write_file_atomically(tmp_path / name, b"content")
     assert (tmp_path / "pipe").is_fifo()
+
+
+def test_a_folder_that_cannot_be_made_is_named_as_it_was_given(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(FileNotWritten, match=r"expected to write .*file/folder, got: .*file is no folder"):  # noqa: SIM117
+        with create_folder_atomically(tmp_path / "file" / "folder"):
+            pytest.fail("nothing is worked for in vain")
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(FileNotWritten, match=f"make the folder {tmp_path / 'missing'}"):
+        write_file_atomically(tmp_path / "missing" / "file", b"content")
 
 
 @pytest.mark.parametrize("name", [".", "..", "../here", "sub/..", "/"])

@@ -19,11 +19,13 @@ from ninedtact.live.wrench_history import WrenchHistory, WrenchWithUncertainty
 from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.studio.page_controller import (
+    MAX_SLOWDOWN,
     DisplayedSensor,
     PageController,
     PageMoment,
+    next_drawing_slowdown,
 )
-from ninedtact.studio.reading_view import ImageKind, ReadingView
+from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
 from ninedtact.studio.saved_files import SaveQuota
 
 
@@ -134,6 +136,33 @@ def test_one_moment_has_the_estimate_of_its_own_reading(stage: Stage) -> None:
     assert len(history.snapshot(None, 0).samples) < 10
 
 
+def test_what_is_not_the_present_is_faded_until_the_camera_is_back(stage: Stage) -> None:
+    with stage.loop:
+        wait_until(lambda: stage.sees(0.0))
+        bright = stage.screen.views[-1]
+        stage.camera.plugged_in = False
+        wait_until(lambda: stage.says("no image for"))
+        faded = stage.screen.views[-1]
+        assert faded.is_past and len(stage.losses) == 1
+        assert faded.image(ImageKind.HEIGHT).mean() < 0.5 * bright.image(ImageKind.HEIGHT).mean()
+        points = [view.surface(SkinColouring.HEIGHT, 1, ShownTraction.ESTIMATED).colours for view in (bright, faded)]
+        assert points[1].mean() < 0.5 * points[0].mean()
+        wait_until(lambda: stage.loop.snapshot(time.monotonic_ns()).delivered_hz == 0)
+        assert stage.loop.snapshot(0).reading is faded.reading
+        stage.camera.level, stage.camera.plugged_in = 50, True
+        wait_until(lambda: stage.says("live"))
+        assert stage.sees(2.0) and not stage.screen.views[-1].is_past
+
+
+def test_nothing_is_drawn_while_nobody_looks(stage: Stage) -> None:
+    stage.screen.is_watched = False
+    with stage.loop:
+        wait_until(lambda: stage.says("live") and stage.loop.sensor.frames_read > 10)
+        assert not stage.screen.views
+        stage.screen.is_watched = True
+        wait_until(lambda: stage.sees(0.0))
+
+
 def test_what_is_saved_is_what_was_shown(stage: Stage, tmp_path: Path) -> None:
     with stage.loop:
         with pytest.raises(InputError, match="wait for the first image"):
@@ -169,6 +198,20 @@ def test_too_many_saves_are_refused_and_write_nothing(stage: Stage, tmp_path: Pa
     )
 
 
+def test_the_page_gives_way_to_a_sensor_that_loses_images(stage: Stage) -> None:
+    with stage.loop:
+        wait_until(lambda: stage.sees(0.0))
+        moment = stage.loop.snapshot(time.monotonic_ns())
+    keeps_up = replace(moment, delivered_hz=30.0, read_hz=30.0)
+    slowdowns = [1.0]
+    for _ in range(30):
+        slowdowns.append(next_drawing_slowdown(slowdowns[-1], replace(keeps_up, read_hz=27.0)))
+    assert np.diff(slowdowns).min() >= 0 and slowdowns[-1] == MAX_SLOWDOWN > slowdowns[5] > 1.5
+    for _ in range(60):
+        slowdowns.append(next_drawing_slowdown(slowdowns[-1], keeps_up))
+    assert slowdowns[-1] == 1.0 == next_drawing_slowdown(1.0, replace(moment, delivered_hz=0.0, read_hz=0.0))
+
+
 def test_a_sensor_thread_that_gives_up_is_told_to_the_screen_and_to_the_caller(stage: Stage) -> None:
     def broken() -> None:
         raise ZeroDivisionError("a bug in a source")
@@ -179,3 +222,15 @@ def test_a_sensor_thread_that_gives_up_is_told_to_the_screen_and_to_the_caller(s
         with pytest.raises(ZeroDivisionError, match="a bug in a source"):
             stage.studio.run(stage.screen, display_hz=100.0)
     assert stage.screen.sentence == "stopped: a bug in a source" and stage.screen.views[-1].is_past
+
+
+def test_an_interrupted_page_says_that_it_is_over(stage: Stage) -> None:
+    def interrupted(moment: PageMoment) -> None:
+        stage.screen.moments.append(moment)
+        if moment.sensors[0].status.tone == "live":
+            raise KeyboardInterrupt
+
+    stage.screen.show = interrupted  # type: ignore[method-assign]
+    with stage.loop, pytest.raises(KeyboardInterrupt):
+        stage.studio.run(stage.screen, display_hz=100.0)
+    assert stage.screen.sentence == "stopped: the program has ended" and stage.screen.views[-1].is_past

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
@@ -17,9 +18,10 @@ from subprocess import PIPE
 from threading import Event, Thread
 from urllib.request import urlopen
 
+import cv2
 import numpy as np
 import pytest
-from page_client import ServedPage, served_page, served_small_page
+from page_client import PageClient, ServedPage, page_client, served_page, served_small_page
 from playwright.sync_api import Browser
 from reading_clients import page_errors
 from small_sensor import SkinCamera, sensor_folder, sensor_on, wait_until
@@ -38,7 +40,7 @@ from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording
+from ninedtact.recording.reader import Recording, sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_cards import time_slider_marks
@@ -50,11 +52,13 @@ from ninedtact.studio.page_controller import (
 )
 from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recording_player import (
+    RecordedReadings,
     RecordedSensor,
     RecordingPlayer,
+    empty_wrench_histories,
 )
 from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import SaveQuota
+from ninedtact.studio.saved_files import SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.viewer import ViewerPage
 
 PATIENCE_S = 90.0
@@ -330,6 +334,48 @@ def test_a_recording_whose_file_is_gone_is_not_said_to_be_recorded(harm: str, is
     assert "was cut; record again" in state.trouble or "removed or cut; record again" in state.trouble
 
 
+def test_a_label_ends_with_a_recording_that_the_quota_ends(tmp_path: Path) -> None:
+    bench = Bench(tmp_path / "small", tmp_path / "out")
+    with bench.sensor:
+        path = bench.recorder.start()
+        bench.press([80])
+        bench.recorder.begin_label("to the end")
+        bench.press([60])
+        bench.quota.add_bytes(10**15)
+        wait_until(lambda: not bench.recorder.state().is_running)
+        state = bench.recorder.stop()
+    assert "a recording in progress" in state.trouble and state.labels == 1 and state.label is None
+    with Recording(path) as recording:
+        (span,) = recording.spans()
+    assert span.label == "to the end" and span.begin_ns <= bench.kept[-1].stamp_ns <= span.end_ns
+
+
+def test_buttons_of_two_viewers_do_what_they_say(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    with recordings_page(bench, path.parent) as served, served.viewer() as (client, _), served.viewer() as (other, _):
+
+        def press_both(label: str, is_done: Callable[[RecorderState], bool]) -> None:
+            def has(one: PageClient) -> bool:
+                return any(getattr(each, "label", "") == label for each in one.controls.values())
+
+            wait_until(lambda: served.refresh() and has(client) and has(other))
+            for one in (client, other):
+                one.use(label)
+            wait_until(lambda: is_done(bench.recorder.state()))
+            time.sleep(0.3)  # for the second press, which is handled in another thread and changes nothing
+            assert is_done(bench.recorder.state())
+
+        press_both("Record", lambda state: state.is_running)
+        for one in (client, other):
+            one.use("label", "twice")
+        press_both("Begin label", lambda state: state.label == "twice")
+        press_both("End label 'twice'", lambda state: state.label is None)
+        press_both("Stop recording", lambda state: not state.is_running)
+        assert len(list(path.parent.glob("*.mcap"))) == 2
+        wait_until(lambda: bool(client.notices + other.notices))
+        assert set(client.notices + other.notices) == {f"Recorded: {max(path.parent.glob('*.mcap')).name}"}
+
+
 class UntilAlone:
     """A panel that takes as long to build as a browser stays."""
 
@@ -345,9 +391,76 @@ class UntilAlone:
     def update(self, moment: PageMoment) -> None: ...
 
 
+def test_a_recording_is_closed_for_a_viewer_who_left_before_it_was_opened(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    built, has_left = list[ViewerPage](), Event()
+    panels = [
+        partial(RecordingsPanel, context=RecordingsPanelContext(bench.folder, opens=path)),
+        partial(UntilAlone, built=built, has_left=has_left),
+    ]
+    with served_small_page(path.parent, panels) as served:
+        clients = served.server.viser.get_clients
+        with page_client(served.server):
+            wait_until(lambda: len(clients()) == 1)
+        wait_until(lambda: not clients())
+        has_left.set()
+        wait_until(lambda: len(built) == 1 and not built[0].plays_recording)
+        assert not served.page.viewers
+        wait_until(lambda: not is_open(path))
+        built[0].play(player_of(path, bench))  # by a callback that ends after the viewer has left
+        wait_until(lambda: not is_open(path))
+        assert not built[0].plays_recording
+
+
 def is_open(path: Path) -> bool:
     links = Path("/proc/self/fd").iterdir()
     return any(os.path.realpath(link) == str(path.resolve()) for link in links)
+
+
+def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench]) -> None:
+    path, bench = recorded
+    player = player_of(path, bench)
+    player.add_span(0.004, 0.006, "between two images")
+    player.close()
+    (path.parent / "bad.mcap").write_bytes(b"")
+    attached = sensor_folder_attachments(bench.folder.path)
+    with RecordingWriter(path.parent / "other.mcap", RecordingMetadata("other"), attachments=attached) as writer:
+        writer.write_image(Frame(bench.kept[0].image, 1, 0))
+    with recordings_page(bench, path.parent) as served, served.viewer() as (client, viewer):
+
+        def wait_for(is_done: Callable[[], bool]) -> None:
+            wait_until(lambda: served.refresh() and is_done())
+
+        def shows(stamp_ns: int) -> bool:
+            reading = None if viewer.moment is None else viewer.moment.sensors[0].reading
+            return reading is not None and reading.stamp_ns == stamp_ns and viewer.plays_recording
+
+        def labels() -> list[str]:
+            return [name for one in client.controls.values() for name in getattr(one, "options", ()) if " to " in name]
+
+        wait_for(lambda: len(client.control("recording").options) == 4)
+        client.use("recording", path.name)
+        wait_for(lambda: shows(bench.kept[0].stamp_ns) and len(labels()) == 2)
+        client.use("Remove label")
+        wait_for(lambda: client.notices == [f"Label not changed: {_NO_LABEL}"])
+        between = next(name for name in labels() if name.startswith("between"))
+        choice = next(one for one in client.controls.values() if between in getattr(one, "options", ()))
+        client.set_value(choice.uuid, between)
+        wait_for(lambda: client.shows("marked: 0.00 to 0.01 s"))
+        client.use("Surfaces (PLY)")
+        refusal = f"Not exported: expected images in {between}, got none; choose another label"
+        wait_for(lambda: client.notices[1:] == [refusal])
+        assert not list(path.parent.glob("*_surfaces_*"))
+        client.use("speed", "4 ×")
+        client.use("recording", "bad.mcap")
+        wait_for(lambda: len(client.notices) == 3 and client.control("recording").value == path.name)
+        assert "an empty file" in client.notices[2] and viewer.plays_recording
+        client.use("recording", "other.mcap")
+        wait_for(lambda: shows(1) and client.control("recording").value == "other.mcap")
+        client.use("This moment as a web page")
+        wait_for(lambda: len(client.notices) == 4)
+        (exported,) = path.parent.glob("moment_*.html")
+        assert "<title>other, recorded, 0.00 of" in exported.read_text()
 
 
 _NO_LABEL = f"expected a label to remove, got '{WHOLE}'; choose one first"
@@ -378,6 +491,28 @@ def test_files_that_cannot_be_played_are_refused_in_one_sentence(
         assert said in captured.err and captured.err.count("\n") == 1 and captured.out == "", file
 
 
+def test_two_images_with_one_stamp_are_both_shown_each_with_its_own_heights(
+    recorded: tuple[Path, Bench], tmp_path: Path
+) -> None:
+    _, bench = recorded
+    first, second, third = bench.kept[0], bench.kept[3], bench.kept[5]
+    path, topics = tmp_path / "twice.mcap", (Topic.IMAGES, Topic.HEIGHTS)
+    attached = sensor_folder_attachments(bench.folder.path)
+    with RecordingWriter(path, RecordingMetadata("small", height_step_mm=0.001), topics, attached) as writer:
+        for number, (reading, stamp_ns) in enumerate(((first, 1), (second, 10**9), (third, 10**9))):
+            writer.write_image(Frame(reading.image, stamp_ns, number))
+            writer.write_height(replace(reading.height, stamp_ns=stamp_ns), number)
+    player = player_of(path, bench)
+    shown = []
+    for _ in range(3):
+        reading = moment_of(player).reading
+        assert reading is not None
+        shown.append((reading.image.min(), round(reading.max_indentation_mm, 2)))
+        player.step(1)
+    player.close()
+    assert shown == [(kept.image.min(), round(kept.max_indentation_mm, 2)) for kept in (first, second, third)]
+
+
 def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded: tuple[Path, Bench]) -> None:
     path, bench = recorded
     player = player_of(path, bench)
@@ -389,6 +524,50 @@ def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded:
     moment = moment_of(player)
     assert moment.view is whole and moment.status.tone == "lost" and "damaged data at byte 7" in moment.status.sentence
     player.close()
+
+
+def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+    path, bench = recorded
+    scale, shape = full_range_colour_scale(bench.folder.shape), bench.folder.shape
+    with RecordedReadings(path, shape) as readings:
+        save_surface_sequence(map(readings.reading, range(2, 5)), tmp_path / "ply", bench.quota)
+        assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
+        save_video(map(readings.reading, range(len(readings))), scale, 69.6971, tmp_path / "all.mp4", bench.quota)
+        video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
+        assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
+        for write in (
+            lambda quota: save_surface_sequence(
+                map(readings.reading, range(len(readings))), tmp_path / "too" / "many", quota
+            ),
+            lambda quota: save_video(
+                map(readings.reading, range(len(readings))), scale, 10.0, tmp_path / "too" / "long.mp4", quota
+            ),
+        ):
+            with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
+                write(SaveQuota(disk_share=0.0))
+    assert not list((tmp_path / "too").iterdir())
+    with (
+        bench.quota.one_export(),
+        pytest.raises(NinedtactError, match="one export at a time"),
+        bench.quota.one_export(),
+    ):
+        pass
+
+
+def test_recordings_of_the_command_line_are_played_too(tmp_path: Path) -> None:
+    folder = load_sensor(sensor_folder(tmp_path / "small"))
+    path, camera = tmp_path / "plain.mcap", SkinCamera()
+    with RecordingWriter(
+        path, RecordingMetadata("small"), (Topic.IMAGES,), sensor_folder_attachments(folder.path)
+    ) as out:
+        camera.open()
+        for number in range(14):
+            camera.level = 100 if number < 11 else 75
+            out.write_image(camera.read())
+    assert empty_wrench_histories(path, folder.shape) == []
+    with RecordedReadings(path, folder.shape) as readings:
+        depths = [reading.max_indentation_mm for reading in map(readings.reading, range(len(readings)))]
+    np.testing.assert_allclose(depths, [0.0] * 11 + [1.0] * 3, atol=0.02)
 
 
 def test_play_serves_a_recording_until_ctrl_c(recorded: tuple[Path, Bench], tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from ninedtact.capture.force_torque.driver_source import (
     ForceTorqueSample,
     counter_step,
 )
+from ninedtact.capture.wrench_source import WrenchFaulty, WrenchSaturated, WrenchSensorLost
+from ninedtact.errors import DeviceError
 
 
 class HandFedDriver(ForceTorqueDriver):
@@ -73,6 +75,14 @@ def test_a_reader_gets_the_samples_of_the_last_half_second_in_order(driver: Hand
     assert driver.connections == 0
 
 
+def test_a_sample_of_half_a_second_ago_is_kept(driver: HandFedDriver) -> None:
+    driver.feed(1, 1)
+    driver.feed(501, 3)
+    with DriverWrenchSource(driver) as source:
+        wait_for_drops(source, 1)  # the second one is there
+        assert [source.read().stamp_ns for _ in range(2)] == [1 * MS, 501 * MS] and source.dropped == 1
+
+
 def test_numbers_that_are_left_out_count_as_dropped_and_no_number_counts_as_none(driver: HandFedDriver) -> None:
     for number in (250, 251, 255, None, None, 1, 0, 1):
         driver.feed(1, number)
@@ -80,6 +90,38 @@ def test_numbers_that_are_left_out_count_as_dropped_and_no_number_counts_as_none
         for _ in range(8):
             source.read()
         assert source.dropped == 4  # 252 to 254, and 0; a step back is a device that began anew
+
+
+def test_bad_samples_are_raised_one_by_one_and_an_error_after_the_last(driver: HandFedDriver) -> None:
+    driver.feed(1, is_saturated=True)
+    driver.feed(2, six=np.array([0, 0, np.inf, 0, 0, 0]))
+    driver.feed(3)
+    driver.queue.put(OSError("the cable"))
+    with DriverWrenchSource(driver) as source:
+        for error in (WrenchSaturated, WrenchFaulty):
+            with pytest.raises(error):
+                source.read()
+        assert source.read().stamp_ns == 3 * MS
+        for _ in range(2):
+            with pytest.raises(OSError, match="the cable"):
+                source.read()
+    driver.feed(4)
+    with source:
+        assert source.read().stamp_ns == 4 * MS
+
+
+def test_a_silent_device_is_lost_and_one_that_never_spoke_is_not_found(driver: HandFedDriver) -> None:
+    source = DriverWrenchSource(driver, silence_s=0.05)
+    with pytest.raises(DeviceError, match=r"got none for 0\.05 s; check its power"):
+        source.open()
+    assert driver.connections == 0
+    driver.feed(1)
+    with source:
+        source.read()
+        with pytest.raises(WrenchSensorLost, match=r"got none for 0\.05 s"):
+            source.read()
+        driver.feed(2)
+        assert source.read().stamp_ns == 2 * MS
 
 
 @pytest.mark.parametrize("bits", [3, 8])

@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -16,6 +17,11 @@ from test_force_torque_family import Bench
 
 from ninedtact.capture.force_torque.bota import BotaDriver
 from ninedtact.capture.force_torque.netft import NetFtDriver
+from ninedtact.capture.force_torque.serial_driver import SerialPortDriver
+from ninedtact.capture.force_torque.wrench_source_from_address import (
+    force_torque_sensor_for,
+    untared_wrench_source_for,
+)
 from ninedtact.capture.wrench_source import (
     WrenchFaulty,
     WrenchSampleRejected,
@@ -23,6 +29,7 @@ from ninedtact.capture.wrench_source import (
     WrenchSensorLost,
     WrenchSource,
 )
+from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import DeviceError
 from ninedtact.quantities import Wrench
 
@@ -60,6 +67,25 @@ def test_net_ft_tells_newtons_at_its_own_rate_and_counts_what_the_network_lost(b
         counted = source.dropped - dropped
         # One of ten is lost, and on a busy computer what its socket cannot hold; nothing is counted that was not sent.
         assert counted >= 0.7 * received / 9 - 3 and received + counted <= bench.server.sent - sent + 60
+
+
+def test_net_ft_refuses_saturated_and_faulty_records_and_goes_on_after_them(bench: Bench) -> None:
+    with bench.ati() as source:
+        for status, refusal, got in (
+            (0x8002_0000, WrenchSaturated, "saturation"),
+            (0xC000_0000, WrenchFaulty, "c0000000"),
+        ):
+            bench.server.status = status
+            with pytest.raises(refusal, match=rf"expected .*netft:bench.* got .*{got}.*;"):
+                read_for(source, 5.0)
+            for _ in range(3):  # the stream is never taken for lost meanwhile
+                with pytest.raises(WrenchSampleRejected):
+                    source.read()
+            bench.server.status = 0x8001_0000  # a threshold was passed, the measurement is good
+            good_after(source)
+        bench.server.stalled = True  # records go on, the measurement in them does not
+        with pytest.raises(WrenchSensorLost):
+            read_for(source, 5.0)
 
 
 def test_a_status_of_a_net_ft_device_is_heeded_as_its_manufacturer_documents_it() -> None:
@@ -220,6 +246,21 @@ def played_bota(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Pl
     return driver_of
 
 
+def test_bota_numbers_its_frames_by_the_clock_of_the_device(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
+    """A step of three periods is two frames that never came; a step of a third of one is a frame nevertheless."""
+    wrap = 1 << 32
+    library = PlayedBota(1000, [wrap - 2500, wrap - 2500, wrap - 1500, 1500, 1800, 2810])
+    driver = played_bota(library)
+    driver.connect()
+    samples = [sample for _ in range(4) for sample in driver.receive()]
+    assert [sample.number for sample in samples] == [1, 4, 5, 6]
+    assert samples[0].six.tolist() == [1, 2, 3, 4, 5, 6]
+    with pytest.raises(WrenchSensorLost, match="got: no answer; check that it is plugged in"):
+        driver.receive()
+    driver.disconnect()
+    assert library.ended == ["deactivate", "cleanup", "shutdown"]
+
+
 @pytest.mark.parametrize(
     ("answers", "said"), [((False, True), "a refusal"), ((True, False), "a refusal"), ((True, True), "no answer")]
 )
@@ -230,6 +271,13 @@ def test_bota_that_does_not_start_is_released(
     with pytest.raises(DeviceError, match=f"to start, got: {said}.*; check the file and the cable"):
         played_bota(library).connect()
     assert library.ended == ["shutdown"]
+
+
+def test_bota_is_waited_for_a_tenth_of_a_second(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
+    driver = played_bota(PlayedBota(100_000, [7] * 1000))
+    driver.connect()
+    began = time.monotonic()
+    assert driver.receive() == [] and time.monotonic() - began >= 0.1
 
 
 def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) -> None:
@@ -246,3 +294,29 @@ def test_bota_flags_are_heeded(played_bota: Callable[[PlayedBota], BotaDriver]) 
             setattr(library, name, name == flag)
         (sample,) = driver.receive()
         assert (sample.is_saturated, sample.fault) == (flag == "overrange", fault)
+
+
+def test_a_serial_port_is_opened_for_one_program_and_at_the_documented_rate(bench: Bench) -> None:
+    assert SerialPortDriver.from_address("serial:COM3")._baud == 460_800
+    with bench.serial(), pytest.raises(DeviceError, match="expected a serial port"):
+        force_torque_sensor_for(f"serial:{bench.device.port}").open()
+
+
+def test_what_a_sensor_without_a_tare_leaves_out_and_loses_is_told(bench: Bench) -> None:
+    bench.serial()
+    told: list[str] = []
+    mount = ForceTorqueMount((0.0, 0.0, -20.0), (0.0, 0.0, 90.0))
+    with untared_wrench_source_for(f"serial:{bench.device.port}", mount, told.append) as source:
+        bench.device.load = LOAD
+        read_for(source, 0.1)
+        wrench = source.read()
+        assert wrench.force_n == pytest.approx([2, 1, -8], abs=0.1) and wrench.about_mm.tolist() == [0, 0, -20]
+        bench.device.flags = 1
+        threading.Timer(0.1, setattr, (bench.device, "flags", 0)).start()
+        while not told:
+            source.read()
+        bench.device.unplug()
+        threading.Timer(0.2, bench.device.plug_in).start()
+        while len(told) < 3:
+            source.read()
+    assert [message.rpartition("; ")[2] for message in told] == ["left out", "waiting for it", "it is back"]
