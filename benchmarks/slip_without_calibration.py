@@ -1,0 +1,156 @@
+"""Slip from rectified images of sensors without a calibration: presses with a drag on twins that differ from the published sensor in
+gel, light, view and friction, in small compressed images, judged by the macro F1 of static, incipient and gross slip.
+
+Truth is that of the contact model. *Gross*: all of the contact slips while the object moves. *Incipient*: a part of it slips, or the
+shear force has passed half of what friction holds. Images without contact, and those at rest after sliding, are not judged.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tyro
+from figures import Figure, answer, at_least
+
+from ninedtact.design import Gel
+from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.gel_brightness import FITTED_PARAMETERS, BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
+from ninedtact.simulation.renderer import CameraNoise, Renderer
+from ninedtact.simulation.twin import Twin
+
+DEVELOP, REPORT = 0, 1
+"""The halves: constants were chosen on sequences of the first; figures are of the second."""
+OBJECTS = (
+    ("ball:4", "ball:6", "cylinder:3,11", "cross_03", "key_05", "gear_07"),
+    ("ball:3", "ball:8", "ellipsoid:6,3,3", "spanner_02", "letter_17", "punch:3,1"),
+)
+SIZES = ((80, 60), (160, 120), (240, 180)), ((60, 45), (107, 80), (320, 240))
+RENDERED_COLS = 320
+PITCH_MM = 0.4
+MAX_STEP_MM = 0.3
+"""Largest movement between two solutions of the contact."""
+SLIDES, SHEARED = 0.97, 0.5
+"""Share of the contact that slips from which all of it counts as sliding; shear over that of friction that counts as incipient."""
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Images of one press with a drag, and the truth of each."""
+
+    name: str
+    images: np.ndarray
+    """(n, rows, cols), grey, uint8."""
+    rate_hz: float
+    poses: np.ndarray
+    """x, y and depth of the object in mm, (n, 3)."""
+    forces_n: np.ndarray
+    """(n, 3)."""
+    slipping: np.ndarray
+    """Share of the contact that slips; not a number without contact."""
+    friction: float
+    mm_per_px: float
+
+    @property
+    def labels(self) -> list[str]:
+        """The true slip of each image; empty where it is not judged."""
+        moved = np.linalg.norm(np.diff(self.poses[:, :2], axis=0, prepend=self.poses[:1, :2]), axis=1)
+        shear = np.linalg.norm(self.forces_n[:, :2], axis=1) / np.maximum(-self.forces_n[:, 2] * self.friction, 1e-9)
+        return [self._label(*each) for each in zip(moved, shear, self.slipping, strict=True)]
+
+    def _label(self, moved_mm: float, shear: float, slipping: float) -> str:
+        if np.isnan(slipping):
+            return ""
+        if slipping >= SLIDES:
+            return "gross" if moved_mm * self.rate_hz > 0.05 else ""
+        return "incipient" if shear > SHEARED else "static"
+
+
+def sequence_of(number: int, half: int) -> Sequence:
+    """Return one sequence of a half, which its number determines."""
+    rng = np.random.default_rng([number, half])
+    size = SIZES[half][number % len(SIZES[half])]
+    item = OBJECTS[half][number % len(OBJECTS[half])]
+    twin = twin_of(rng)
+    rate_hz, speed_mm_s = float(rng.choice([10, 15, 30, 60])), float(np.exp(rng.uniform(0, np.log(30))))
+    depth_mm = rng.uniform(0.25, 0.75)
+    angle, start = rng.uniform(0, 2 * np.pi), rng.uniform(-1.5, 1.5, 2)
+    far_mm = np.exp(rng.uniform(np.log(0.3), np.log(4.0)))
+    times, poses = drag_path(rng, start, angle, depth_mm, far_mm, speed_mm_s, rate_hz)
+    indenter, last = indenter_from_name(item), None
+    noise, quality, drift = rng.uniform(0.4, 1.5), int(rng.integers(75, 99)), rng.normal(0, 0.004)
+    images, forces, slipping, before = [], [], [], poses[0]
+    for index, pose in enumerate(poses):
+        between = max(int(np.ceil(np.abs(pose - before).max() / MAX_STEP_MM)), 1)
+        for part in range(1, between + 1):
+            x, y, depth = (before + (pose - before) * part / between).tolist()
+            last = twin.press(last, indenter, Pose(x, y, depth, angle))
+        before = pose
+        touches = last.touches
+        forces.append(last.wrench.force_n if touches else np.zeros(3))
+        slipping.append(last.slip_share if touches else np.nan)
+        image = twin.renderer.render_without_noise(last.corrected) if touches else twin.renderer.reference
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * (1 + drift * index / len(poses))
+        noisy = np.clip(small + rng.normal(0, noise, small.shape[:2])[..., None], 0, 255).astype(np.uint8)
+        coded = cv2.imencode(".jpg", noisy, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        images.append(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE))
+    reach = twin.renderer.pixel_map.reach_mm[0]
+    return Sequence(
+        f"{item} {size[0]}x{size[1]} {rate_hz:.0f} Hz {speed_mm_s:.1f} mm/s far {far_mm:.1f} μ {twin.friction:.2f}",
+        np.array(images),
+        rate_hz,
+        poses,
+        np.array(forces, float),
+        np.array(slipping, float),
+        twin.friction,
+        2 * reach / size[0],
+    )
+
+
+def drag_path(
+    rng: np.random.Generator,
+    start: np.ndarray,
+    angle: float,
+    depth_mm: float,
+    far_mm: float,
+    speed_mm_s: float,
+    rate_hz: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and positions of a press with a drag, and with a drag back in every third."""
+    along = np.array([np.cos(angle), np.sin(angle)])
+    above, down = np.array([*start, -0.3]), np.array([*start, depth_mm])
+    dragged = down + np.array([*(far_mm * along), 0])
+    stations = [(above, 0.0), (above, max(rng.uniform(0.3, 0.6), 6 / rate_hz)), (down, rng.uniform(0.3, 1.0))]
+    stations += [(down, rng.uniform(0.1, 0.5)), (dragged, max(far_mm / speed_mm_s, 3 / rate_hz))]
+    stations += [(dragged, rng.uniform(0.1, 0.4))]
+    if rng.random() < 1 / 3:
+        back = dragged - np.array([*(1.5 * far_mm * along), 0])
+        stations += [(back, max(1.5 * far_mm / speed_mm_s, 3 / rate_hz))]
+    if rng.random() < 0.5:
+        stations += [(stations[-1][0] - [0, 0, depth_mm + 0.3], 0.4)]
+    ends = np.cumsum([seconds for _, seconds in stations])
+    times = np.arange(0, ends[-1], 1 / rate_hz)
+    places = np.array([place for place, _ in stations])
+    return times, np.column_stack([np.interp(times, ends, axis) for axis in places.T])
+
+
+def twin_of(rng: np.random.Generator) -> Twin:
+    """Return a sensor that differs from the published one in everything that its images do not tell."""
+    light = {name: spread.sample(rng) for name, spread in FITTED_PARAMETERS.items()}
+    thickness_mm = 2.5 * light.pop("relative_thickness") * rng.uniform(0.8, 1.3)
+    gel = Gel(thickness_mm, rng.uniform(0.03, 0.2), gel_to_base_modulus_ratio=float(rng.choice([0.0, 0.02, 0.04, 0.1])))
+    model = replace(BrightnessModel(), **light, thickness_mm=thickness_mm)
+    view_mm = rng.uniform(20, 28)
+    cols, rows = RENDERED_COLS, RENDERED_COLS * 3 // 4
+    x, y = np.meshgrid(*((np.arange(side) - (side - 1) / 2) * view_mm / cols for side in (cols, rows)))
+    pixel_map = PixelToSkinMap(np.stack([x, y], axis=-1).astype(np.float32))
+    cast = tuple(rng.uniform(0.8, 1.2, 3).tolist())
+    reference = synthetic_reference_image(
+        pixel_map, rng.uniform(110, 180), rng.uniform(0.01, 0.04), cast, int(rng.integers(1000)), rng.uniform(0, 0.3)
+    )
+    renderer = Renderer(pixel_map, reference, model, CameraNoise(shape=(rows, cols)))
+    friction = float(np.exp(rng.uniform(np.log(0.2), np.log(1.2))))
+    return Twin("uncalibrated", gel, renderer, friction, PITCH_MM)
