@@ -6,6 +6,7 @@
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker, TrackState
 from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
+from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
 from ninedtact.tracking.touched_surface import TouchedSurface, touched_surface
 
 __all__ = [
@@ -14,6 +15,9 @@ __all__ = [
     "Registration",
     "RegistrationResult",
     "RigidMotion",
+    "SlipEstimate",
+    "SlipEstimator",
+    "SlipState",
     "TouchedSurface",
     "TrackState",
     "touched_surface",
