@@ -1,73 +1,112 @@
 """The shape path of a sensor without a calibration, from images that are already rectified.
 
-Each image is taken to show the skin from border to border, its columns along x, and the gel and its light to be those of the
-published design. Positions are then as right as the width of the view is known, and depths have an unknown scale: light and gel of
-sensors of one design differ by a third.
+An image is taken to show the skin from border to border, its columns along x, and gel and light to be those of the published
+design. Positions are then as right as the width of the view is known. Depths and loads have an unknown scale: gel and light of
+sensors of one design differ by a third and more.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_fit import depth_curve_of_brightness_model
-from ninedtact.design import PUBLISHED_RECTIFIED_COLS, SensorDesign, rectified_mm_per_px
+from ninedtact.design import PUBLISHED_RECTIFIED_COLS, rectified_mm_per_px
 from ninedtact.errors import InputError
-from ninedtact.quantities import Frame
-from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.quantities import EstimateWarning
+from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL, CalibratedShape, ReferenceUnusable
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM, GlobalDimmingModel
-from ninedtact.shape.lens_and_rectification import Rectification
+from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
-SMALLEST_COLS, SMALLEST_ROWS = 40, 30
-"""Smallest image from which contact and motion are read."""
+_SMALLEST_COLS, _SMALLEST_ROWS = 40, 30
+"""Smallest view from which contact and motion are read."""
 _LARGEST_ASPECT = 3.0
+_VIEW_WIDTHS_MM = 4.0, 200.0
+"""Widths of sensing areas (`design.SensingArea`)."""
 _RELATIVE_DEPTH_ERROR = 0.35
 """Standard deviation of the scale of depth."""
 _DEEPEST = 0.9
-"""Part of the gel's thickness to which the curve goes."""
-_FLOOR = 0.1
-"""Weight of smoothness in the deblurring, the largest that calibrations choose (`ball_fit`)."""
+"""Part of the gel's thickness to which the depth curve goes."""
+_SMOOTHNESS = 0.1
+"""Weight of smoothness in the deblurring, the largest that calibrations choose."""
+_LIT_SHARE = 0.5
+"""Share of the pixels of a row or column that show skin, below which it is a part of a black border."""
+
+Lit = Bool[Array, "rows cols"]
 
 
-def nominal_shape(shape: tuple[int, int], mm_per_px: float | None = None, design: SensorDesign = SensorDesign()) -> CalibratedShape:
-    """Return the shape path for rectified images of this shape (rows, cols).
+@dataclass(frozen=True)
+class View:
+    """The rectangle of an image that shows skin, px."""
 
-    mm_per_px: of these images; None takes the view to be as wide as that of the design. Images are enlarged to the width of the
-    published rectified image, on which all filters are stated in pixels. Raises `InputError` for images that are too small.
+    left: int
+    top: int
+    cols: int
+    rows: int
+
+
+def find_view(reference: Float32[Array, "rows cols"]) -> tuple[View, Lit]:
+    """Return the part of a grey image without contact that is not black border, and which of its pixels are lit.
+
+    Raises `ReferenceUnusable` for an image that is dark, and `InputError` for a view that is too small or narrow.
     """
-    rows, cols = shape
-    if cols < SMALLEST_COLS or rows < SMALLEST_ROWS or max(cols / rows, rows / cols) > _LARGEST_ASPECT:
+    lit = cv2.medianBlur(reference, 3) > MIN_LIT_GREY_LEVEL
+    if not lit.any():
+        raise ReferenceUnusable(
+            expected="lit reference images (no contact)",
+            got=f"a mean grey level of {reference.mean():.0f} of 255",
+            remedy="name frames in which the sensor's light is on",
+        )
+    most = max(float(lit.mean(axis=axis).max()) for axis in (0, 1))
+    across, down = (np.flatnonzero(lit.mean(axis=axis) > _LIT_SHARE * most) for axis in (0, 1))
+    view = View(int(across[0]), int(down[0]), int(np.ptp(across)) + 1, int(np.ptp(down)) + 1)
+    sides = view.cols, view.rows
+    if view.cols < _SMALLEST_COLS or view.rows < _SMALLEST_ROWS or max(sides) > _LARGEST_ASPECT * min(sides):
         raise InputError(
-            expected=f"rectified images of {SMALLEST_COLS}x{SMALLEST_ROWS} pixels or more, up to three times as wide as high",
-            got=f"{cols}x{rows}",
+            expected=f"rectified images of {_SMALLEST_COLS}x{_SMALLEST_ROWS} pixels or more without black borders, at most three "
+            "times as wide as high",
+            got=f"{view.cols}x{view.rows}",
             remedy="give larger ones",
         )
-    if mm_per_px is not None and not 0.01 <= mm_per_px * cols / PUBLISHED_RECTIFIED_COLS <= 1:
+    return view, np.asarray(lit)
+
+
+def nominal_shape(reference: Float32[Array, "rows cols"], mm_per_px: float | None = None) -> CalibratedShape:
+    """Return the shape path for rectified images like this grey one without contact.
+
+    mm_per_px: of the images; None takes their view to be as wide as that of the published design. The view is enlarged to the
+    width of the published rectified image, to which all filters belong. Raises as `find_view` does, and `InputError` for an
+    impossible scale.
+    """
+    view, lit = find_view(reference)
+    scale = rectified_mm_per_px((view.cols, view.rows)) if mm_per_px is None else mm_per_px
+    least, most = _VIEW_WIDTHS_MM
+    if not least <= scale * view.cols <= most:
         raise InputError(
-            expected="mm per pixel with which the view is 5 to 460 mm wide",
-            got=f"{mm_per_px:g}, which makes {mm_per_px * cols:.3g} mm",
-            remedy="divide the width of the view by the columns of the image",
+            expected=f"mm per pixel with which the view is {least:g} to {most:g} mm wide",
+            got=f"{scale:g}, with which {view.cols} columns are {scale * view.cols:.3g} mm",
+            remedy="divide the width of the view in mm by its columns",
         )
-    finer = PUBLISHED_RECTIFIED_COLS / cols
-    grid = round(rows * finer), PUBLISHED_RECTIFIED_COLS
-    pitch_mm = rectified_mm_per_px((PUBLISHED_RECTIFIED_COLS, 0), design) if mm_per_px is None else mm_per_px / finer
-    x, y = (np.linspace(0.5, side - 0.5, many, endpoint=False) for side, many in ((cols, 1), (rows, 1)))
-    across, down = ((np.arange(many) + 0.5) * side / many - 0.5 for side, many in ((cols, grid[1]), (rows, grid[0])))
-    source_px = np.stack(np.meshgrid(across, down), axis=-1).astype(np.float32)
-    reach = grid[1] * pitch_mm / 2, grid[0] * pitch_mm / 2
-    rectify = Rectification(source_px, pitch_mm, (rows, cols), (-reach[0], reach[0], -reach[1], reach[1]))
+    per_pixel = view.cols / PUBLISHED_RECTIFIED_COLS
+    rows, cols = round(view.rows / per_pixel), PUBLISHED_RECTIFIED_COLS
+    pitch_mm = scale * per_pixel
+    across, down = ((np.arange(many) + 0.5) * per_pixel - 0.5 for many in (cols, rows))
+    x, y = np.meshgrid(view.left + across, np.minimum(view.top + down, view.top + view.rows - 1))
+    is_lit = lit[np.rint(y).astype(int), np.clip(np.rint(x), 0, lit.shape[1] - 1).astype(int)]
+    source_px = np.where(is_lit[..., None], np.stack([x, y], axis=-1), OUT_OF_VIEW_PX).astype(np.float32)
+    right, bottom = cols * pitch_mm / 2, rows * pitch_mm / 2
     light = BrightnessModel()
     curve = depth_curve_of_brightness_model(light, _DEEPEST * light.thickness_mm)
-    curve = replace(curve, error_mm=tuple(_RELATIVE_DEPTH_ERROR * depth_mm for depth_mm in curve.indentation_mm))
     return CalibratedShape(
-        rectify,
-        curve,
+        Rectification(source_px, pitch_mm, reference.shape, (-right, right, -bottom, bottom)),
+        replace(curve, error_mm=tuple(_RELATIVE_DEPTH_ERROR * depth_mm for depth_mm in curve.indentation_mm)),
         0.0,
         1 / light.inverse_distance_per_mm,
         loss=GlobalDimmingModel(TYPICAL_GLOBAL_DIMMING),
-        deblurring=Deblurring(TYPICAL_POINT_SPREAD_MM, _FLOOR),
+        deblurring=Deblurring(TYPICAL_POINT_SPREAD_MM, _SMOOTHNESS),
+        warnings=(EstimateWarning.NOT_CALIBRATED,),
     )

@@ -1,11 +1,11 @@
 """ninedtact track: a recording, video or camera of a calibrated sensor → the path of the object that touches, as CSV."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -17,6 +17,7 @@ from ninedtact.cli.result_and_interrupt import (
     stop_on_signal,
 )
 from ninedtact.cli.shared_options import ForceOption, RecordedSensorOption, ReferenceOrFirstOption, SourceOption
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.reading import Reading
@@ -41,6 +42,15 @@ class Track:
     sensor: RecordedSensorOption = None
     reference: ReferenceOrFirstOption = ()
     force: ForceOption = "none"
+    rectified: bool = False
+    """The images of a video or folder are already rectified, and their sensor has no calibration: motion along the skin and slip,
+    with an unknown scale of loads."""
+    mm_per_px: float | None = None
+    """With --rectified: mm on the skin per pixel; without it, the view is as wide as that of the published sensor."""
+    reference_frames: Annotated[str | None, tyro.conf.arg(metavar="FIRST:END")] = None
+    """With --rectified: images without contact by their numbers, such as 0:10; without it, the first until something changes."""
+    rate_hz: float | None = None
+    """With --rectified: images per second; without it, the times of the video, and 10 for a folder."""
     out: Path | None = None
     """CSV file for the path."""
     json: bool = False
@@ -55,6 +65,14 @@ class Track:
         from ninedtact.tracking import ObjectTracker
 
         require_place_for_file(self.out)
+        if self.rectified:
+            return self._run_rectified()
+        if (self.mm_per_px, self.reference_frames, self.rate_hz) != (None, None, None):
+            raise InputError(
+                expected="--mm-per-px, --reference-frames and --rate-hz with --rectified",
+                got="one without",
+                remedy="add --rectified, or drop it",
+            )
         tracker, rows = ObjectTracker(), list[dict[str, Any]]()
         damage: FileFormatError | CameraError | None = None
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
@@ -74,11 +92,23 @@ class Track:
                         raise
                     damage = error
         if self.out is not None:
-            write_file_atomically(self.out, _to_csv(rows))
+            write_file_atomically(self.out, _to_csv(rows, COLUMNS))
         print_result(self.json, {"path": rows}, self._format(rows))
-        if damage is not None:
-            print_notice(f"{damage} ({count_images(len(rows))} followed before)")
-        return 0 if damage is None else 1
+        return _report_damage(damage, len(rows))
+
+    def _run_rectified(self) -> int:
+        """Follow the object through rectified images."""
+        from ninedtact.atomic_write import write_file_atomically
+        from ninedtact.cli.track_rectified import RECTIFIED_COLUMNS, describe_rectified_rows, track_rectified
+
+        if self.sensor is not None:
+            raise InputError(expected="--sensor or --rectified", got="both", remedy="drop one of them")
+        rows, damage = track_rectified(self.source, self.reference, self.reference_frames, self.mm_per_px, self.rate_hz)
+        if self.out is not None:
+            write_file_atomically(self.out, _to_csv(rows, RECTIFIED_COLUMNS))
+        written = () if self.out is None else (f"wrote {self.out}",)
+        print_result(self.json, {"path": rows}, (*describe_rectified_rows(rows), *written))
+        return _report_damage(damage, len(rows))
 
     def _format(self, rows: list[dict[str, Any]]) -> Iterator[str]:
         tracked = [row for row in rows if row["state"] == "tracked"]
@@ -95,6 +125,14 @@ class Track:
             yield f"lost in {reasons.count(reason)} images: {reason}"
         if self.out is not None:
             yield f"wrote {self.out}"
+
+
+def _report_damage(damage: Exception | None, images: int) -> int:
+    """Print what ended a source early, if something did; return the exit code."""
+    if damage is None:
+        return 0
+    print_notice(f"{damage} ({count_images(images)} followed before)")
+    return 1
 
 
 def _row(reading: "Reading", found: "ObjectMotion", first_ns: int) -> dict[str, Any]:
@@ -121,12 +159,12 @@ def _row(reading: "Reading", found: "ObjectMotion", first_ns: int) -> dict[str, 
     }
 
 
-def _to_csv(rows: list[dict[str, Any]]) -> bytes:
+def _to_csv(rows: list[dict[str, Any]], columns: Sequence[str]) -> bytes:
     import csv
     from io import StringIO
 
     text = StringIO()
-    table = csv.DictWriter(text, COLUMNS)
+    table = csv.DictWriter(text, columns)
     table.writeheader()
     table.writerows({name: _to_cell(value) for name, value in row.items()} for row in rows)
     return text.getvalue().encode()

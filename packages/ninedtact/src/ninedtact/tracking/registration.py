@@ -49,7 +49,7 @@ _LEAST_SIGNAL = 0.5
 _PRIOR_MM, _PRIOR_RAD = 5.0, 2.0
 """Standard deviation of a motion that is not seen: as large as the skin, and any angle."""
 _UPRIGHT, _UPRIGHT_RAD = np.array([1, 1, 1, 0, 0, 1]), radians(1)
-"""One for each direction in which an object that does not tilt may move, and the standard deviation of what it tilts all the same."""
+"""One for each direction in which an object that does not tilt may move; standard deviation of what it tilts all the same."""
 
 
 def point_to_plane(
@@ -149,7 +149,9 @@ class Registration:
             if self.ends(iteration, step):
                 break
         variance = max(rms_mm, _LEAST_DISTANCE_MM) ** 2 * max(_CORRELATED_MM2 / earlier.point_area_mm2, 1.0)
-        prior = 1 / np.square(free * ([_PRIOR_MM] * 3 + [_PRIOR_RAD * radius_mm] * 3) + (1 - free) * _UPRIGHT_RAD * radius_mm)
+        prior = 1 / np.square(
+            free * ([_PRIOR_MM] * 3 + [_PRIOR_RAD * radius_mm] * 3) + (1 - free) * _UPRIGHT_RAD * radius_mm
+        )
         known = directions * np.where(is_seen, signal / variance, 0) @ directions.T
         covariance = np.linalg.inv(known + np.diag(prior)) / np.outer(scale, scale) + np.diag(_SYSTEMATIC_STD**2)
         overlap = float((both > 0.5).mean())
