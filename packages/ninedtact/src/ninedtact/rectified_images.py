@@ -24,7 +24,7 @@ from ninedtact.force.estimator_loading import PHYSICS, build_estimator
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape
+from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL, REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.lens_and_rectification import to_grey_float
 from ninedtact.tracking import SlipEstimate, SlipSample, TrackState, UprightMotion, UprightTracker, slip_of_sequence
 
@@ -129,9 +129,11 @@ def _mean_grey(frames: Sequence[Frame]) -> Float32[Array, "rows cols"]:
 def _relative_change(
     now: Float32[Array, "cell_rows cell_cols"], before: Float32[Array, "cell_rows cell_cols"]
 ) -> Float32[Array, "cell_rows cell_cols"]:
-    """Return the change of brightness but for that of the whole."""
+    """Return the change of brightness but for that of the whole; zero where it is dark, as in black borders."""
+    is_lit = before > MIN_LIT_GREY_LEVEL
     ratio = now / np.maximum(before, 1)
-    return np.asarray(ratio / np.median(ratio) - 1, np.float32)
+    level = max(float(np.median(ratio[is_lit])), 1e-3) if is_lit.any() else 1.0
+    return np.where(is_lit, ratio / level - 1, 0).astype(np.float32)
 
 
 @contextmanager

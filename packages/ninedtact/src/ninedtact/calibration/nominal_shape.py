@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
+from scipy.ndimage import distance_transform_edt
 
 from ninedtact.calibration.ball.ball_fit import depth_curve_of_brightness_model
 from ninedtact.design import PUBLISHED_RECTIFIED_COLS, rectified_mm_per_px
@@ -19,7 +20,7 @@ from ninedtact.quantities import EstimateWarning
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL, CalibratedShape, ReferenceUnusable
 from ninedtact.shape.deblurring import Deblurring
 from ninedtact.shape.depth import TYPICAL_GLOBAL_DIMMING, TYPICAL_POINT_SPREAD_MM, GlobalDimmingModel
-from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification
+from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
 _SMALLEST_COLS, _SMALLEST_ROWS = 40, 30
@@ -36,7 +37,7 @@ _SMOOTHNESS = 0.1
 _LIT_SHARE = 0.5
 """Share of the pixels of a row or column that show skin, below which it is a part of a black border."""
 
-Lit = Bool[Array, "rows cols"]
+Lit = Bool[Array, "raw_rows raw_cols"]
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class View:
     rows: int
 
 
-def find_view(reference: Float32[Array, "rows cols"]) -> tuple[View, Lit]:
+def find_view(reference: Float32[Array, "raw_rows raw_cols"]) -> tuple[View, Lit]:
     """Return the part of a grey image without contact that is not black border, and which of its pixels are lit.
 
     Raises `ReferenceUnusable` for an image that is dark, and `InputError` for a view that is too small or narrow.
@@ -75,7 +76,18 @@ def find_view(reference: Float32[Array, "rows cols"]) -> tuple[View, Lit]:
     return view, np.asarray(lit)
 
 
-def nominal_shape(reference: Float32[Array, "rows cols"], mm_per_px: float | None = None) -> CalibratedShape:
+def _nearest_lit(source_px: Float[Array, "rows cols 2"], lit: Lit) -> Float[Array, "rows cols 2"]:
+    """Return the positions with those on black corners moved to the nearest skin: next to black, skin would look pressed."""
+    skin = cv2.erode(lit.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE) > 0
+    if skin.all():
+        return source_px
+    rows, cols = distance_transform_edt(~skin, return_distances=False, return_indices=True)
+    at = tuple(np.clip(np.rint(source_px[..., axis]), 0, lit.shape[1 - axis] - 1).astype(int) for axis in (1, 0))
+    nearest = np.stack([cols[at], rows[at]], axis=-1)
+    return np.where(skin[at][..., None], source_px, nearest)
+
+
+def nominal_shape(reference: Float32[Array, "raw_rows raw_cols"], mm_per_px: float | None = None) -> CalibratedShape:
     """Return the shape path for rectified images like this grey one without contact.
 
     mm_per_px: of the images; None takes their view to be as wide as that of the published design. The view is enlarged to the
@@ -95,9 +107,8 @@ def nominal_shape(reference: Float32[Array, "rows cols"], mm_per_px: float | Non
     rows, cols = round(view.rows / per_pixel), PUBLISHED_RECTIFIED_COLS
     pitch_mm = scale * per_pixel
     across, down = ((np.arange(many) + 0.5) * per_pixel - 0.5 for many in (cols, rows))
-    x, y = np.meshgrid(view.left + across, np.minimum(view.top + down, view.top + view.rows - 1))
-    is_lit = lit[np.rint(y).astype(int), np.clip(np.rint(x), 0, lit.shape[1] - 1).astype(int)]
-    source_px = np.where(is_lit[..., None], np.stack([x, y], axis=-1), OUT_OF_VIEW_PX).astype(np.float32)
+    x, y = np.meshgrid(view.left + across, view.top + down)
+    source_px = _nearest_lit(np.stack([x, y], axis=-1), lit).astype(np.float32)
     right, bottom = cols * pitch_mm / 2, rows * pitch_mm / 2
     light = BrightnessModel()
     curve = depth_curve_of_brightness_model(light, _DEEPEST * light.thickness_mm)

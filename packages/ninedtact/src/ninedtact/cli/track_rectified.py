@@ -56,18 +56,20 @@ def track_rectified(
 def describe_rectified_rows(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield what was found, in lines for a person."""
     touching = [row for row in rows if row["touching"]]
-    yield f"{len(rows)} images, {len(touching)} with a contact"
+    yield f"{len(rows)} {'image' if len(rows) == 1 else 'images'}, {len(touching)} with a contact"
     for slip in ("static", "incipient", "gross"):
         of_state = [row for row in touching if row["slip"] == slip]
         if of_state:
             yield f"{slip} in {len(of_state)}, first at {of_state[0]['time_s']:.2f} s"
-    known = [row for row in touching if row["state"] == "tracked"]
-    if known:
-        last = known[-1]
+    if touching:
+        last = touching[-1]
         yield (
             f"moved by ({last['x_mm']:.2f}, {last['y_mm']:.2f}) mm ± ({last['x_mm_std']:.2f}, {last['y_mm_std']:.2f}) at "
             f"{last['time_s']:.2f} s"
         )
+    reasons = [row["reason"] for row in rows if row["reason"]]
+    for reason in dict.fromkeys(reasons):
+        yield f"nothing known in {reasons.count(reason)}: {reason}"
 
 
 def _open_file(address: str) -> "FrameSource":

@@ -15,7 +15,7 @@ from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
 
 _SMOOTHING_IMAGES = 4.0, 3.0, 2.0, 1.4, 1.0, 0.6
 """Standard deviations of the smoothing that are tried, the longest first."""
-_MOST_TAKEN_OFF = 1.3
+_MOST_TAKEN_OFF = 1.6
 """What smoothing may take off, over what it takes off noise."""
 _LEAST_IMAGES = 5
 """Images of a contact below which nothing is smoothed."""
