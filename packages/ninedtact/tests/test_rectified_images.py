@@ -1,5 +1,5 @@
-"""Rectified images of a sensor without a calibration: the command on a folder and a video, what it refuses, and what it says it cannot
-know.
+"""Rectified images of a sensor without a calibration: the command on a folder and a video, what it refuses, and what
+it says it cannot know.
 """
 
 import csv
