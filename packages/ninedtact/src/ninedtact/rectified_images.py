@@ -20,7 +20,8 @@ from ninedtact.calibration.nominal_shape import nominal_shape
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, FileFormatError, InputError
-from ninedtact.force.estimator_loading import PHYSICS, build_estimator
+from ninedtact.force.contact_detection import ContactRegionSettings, ContactThreshold
+from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
@@ -39,6 +40,8 @@ _TOUCHED_CHANGE = 0.02
 _PRESSED_SKEWNESS = 3.0
 """Skewness of the change from which the earlier of two images is the pressed one: its dent is a bright spot in the change. Bulges
 around wide objects gave up to 2.3 on simulated sensors, small dents −4."""
+_LEARNING_FRAMES = 5
+"""Reference images from which the noise of the sequence is known, so that no bound from the grey levels is needed."""
 _LEAST_NOISE_MM, _UNKNOWN_NOISE_MM = 0.002, 0.01
 """Noise of a pixel's height that is assumed at least, and with a single reference image."""
 
@@ -149,7 +152,10 @@ def open_rectified(
     `ReferenceImages.take` and the source raise.
     """
     shape = _with_noise(nominal_shape(_mean_grey(references), mm_per_px), references)
-    sensor = Sensor(source, shape, estimator=build_estimator(PHYSICS, shape, SensorDesign().gel))
+    estimator = build_traction_force(shape, SensorDesign().gel)
+    if len(references) >= _LEARNING_FRAMES:
+        estimator = replace(estimator, contact_region=ContactRegionSettings(ContactThreshold(learnt_after_s=0.0)))
+    sensor = Sensor(source, shape, estimator=estimator)
     sensor.open(take_reference=False)
     try:
         sensor.use_reference(references)
