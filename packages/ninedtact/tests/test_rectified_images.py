@@ -142,6 +142,7 @@ def test_a_jump_of_light_is_a_reason_and_no_path_and_no_contact_is_no_slip(drag:
         (["--mm-per-px", "nan"], "4 to 200 mm wide"),
         (["--rate-hz", "0"], "above zero"),
         (["--sensor", "somewhere"], "--sensor or --rectified"),
+        (["--force", "none"], "--force or --rectified"),
         (["--reference", "{folder}/0.png", "--reference-frames", "0:2"], "drop one"),
         (["--reference", "{other}/0.png"], "80 x 60"),
     ],

@@ -21,9 +21,9 @@ from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.design import SensorDesign
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.force.contact_detection import ContactRegionSettings, ContactThreshold
-from ninedtact.force.traction.estimator import build_traction_force
+from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.quantities import Frame
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL, REFERENCE_FRAMES, CalibratedShape
 from ninedtact.shape.lens_and_rectification import to_grey_float
@@ -42,6 +42,8 @@ _PRESSED_SKEWNESS = 3.0
 around wide objects gave up to 2.3 on simulated sensors, small dents −4."""
 _LEARNING_FRAMES = 5
 """Reference images from which the noise of the sequence is known, so that no bound from the grey levels is needed."""
+_THRESHOLDS, _RAISE = 5, 1.5
+"""Number of thresholds of contact that are tried, each this factor above the one before."""
 _LEAST_NOISE_MM, _UNKNOWN_NOISE_MM = 0.002, 0.01
 """Noise of a pixel's height that is assumed at least, and with a single reference image."""
 
@@ -153,15 +155,29 @@ def open_rectified(
     """
     shape = _with_noise(nominal_shape(_mean_grey(references), mm_per_px), references)
     estimator = build_traction_force(shape, SensorDesign().gel)
-    if len(references) >= _LEARNING_FRAMES:
-        estimator = replace(estimator, contact_region=ContactRegionSettings(ContactThreshold(learnt_after_s=0.0)))
     sensor = Sensor(source, shape, estimator=estimator)
     sensor.open(take_reference=False)
     try:
         sensor.use_reference(references)
+        if len(references) >= _LEARNING_FRAMES:
+            sensor.estimator = _with_learnt_threshold(estimator, sensor, references)
         yield sensor
     finally:
         sensor.close()
+
+
+def _with_learnt_threshold(estimator: TractionForce, sensor: Sensor, references: Sequence[Frame]) -> TractionForce:
+    """Return the estimator with the lowest threshold of contact at which nothing touches in any reference image."""
+    reader = sensor.references.in_use
+    assert reader is not None
+    readings = [read_frame(frame, sensor.shape, reader, stream=sensor.references.memory) for frame in references]
+    threshold = ContactThreshold(learnt_after_s=0.0)
+    for _ in range(_THRESHOLDS):
+        found = replace(estimator, contact_region=ContactRegionSettings(threshold))
+        if not any(found.estimate(reading).touching for reading in readings):
+            return found
+        threshold = replace(threshold, learnt_noises=_RAISE * threshold.learnt_noises)
+    return estimator
 
 
 def _with_noise(shape: CalibratedShape, references: Sequence[Frame]) -> CalibratedShape:

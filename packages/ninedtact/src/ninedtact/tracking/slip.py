@@ -11,6 +11,7 @@ weighted by how well it predicts the tangential load. The state is the weighted 
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
@@ -33,8 +34,8 @@ _STIFFNESS = np.geomspace(0.75, 4.0, 16)
 """Stiffnesses that are tried, over the ratio of load and displacement when both are first seen."""
 _STIFFNESS_PRIOR, _STIFFNESS_PRIOR_WIDTH = 1.05, 0.2
 """Median of this ratio's factor, and the standard deviation of its logarithm: most contacts stick at first."""
-_FIRST_SLIDE = np.array([0.0, 0.4])
-"""Displacement at which the rim begins to slide, over that at which everything does: of a ball, of a flat face."""
+_FIRST_SLIDE = np.array([0.0, 0.3, 0.6])
+"""Displacement at which the rim begins to slide, over that at which everything does: of a ball, and of flatter faces."""
 _SPRINGS = 12
 _SEEN_STDS, _UNSEEN_STDS = 5.0, 2.0
 """Standard deviations of displacement and load from which both are seen, so that their ratio is known; and below which not."""
@@ -55,14 +56,15 @@ _RELAXATION_S, _RELAX_EVERY_S = 20.0, 0.2
 time counts as the second."""
 _PLAY_STDS = 1.5
 """Standard deviations by which displacement and load must change before the springs do, so that noise moves nothing."""
-_SPEED_WINDOW_S = 0.05
-_MOVING_STDS = 3.0
-"""Standard deviations by which the slip must change in that window to be a motion."""
-_AT_LIMIT = 0.96
+_LONGEST_WINDOW_S = 0.12
+"""Time over which slip is measured at most."""
+_MOVING_STDS, _STOPPED_STDS = 4.0, 1.6
+"""Standard deviations by which slip must change to be a motion; and by which half of a slip that went on would be missed."""
+_AT_LIMIT = 0.97
 """Part of the limit of a slider from which it slides."""
 _LEAST_SLID_STDS = 5.0
 """Standard deviations of displacement that must have slid before friction is stated."""
-_FRICTION_ERROR = 0.05
+_FRICTION_ERROR = 0.1
 """Relative error of friction that does not fall with the length of the slide."""
 
 
@@ -119,11 +121,18 @@ class SlipEstimator:
     _last: SlipEstimate = field(default_factory=SlipEstimate, init=False, repr=False)
     _history: "deque[_Sample]" = field(default_factory=deque, init=False, repr=False)
     """Samples of the last moments."""
+    _slid_at_s: float = field(default=-np.inf, init=False, repr=False)
+    """Time of the last image with gross slip."""
     _friction: "_SlidingFriction" = field(default_factory=lambda: _SlidingFriction(), init=False, repr=False)
     _springs: "_Springs | None" = field(default=None, init=False, repr=False)
     """None until the stiffness of the contact is seen."""
     _start: "_Sample | None" = field(default=None, init=False, repr=False)
     """The sample from which displacement and load are counted until then; None without contact."""
+
+    @property
+    def time_s(self) -> float | None:
+        """Time of the last estimate of the contact; None where nothing touches."""
+        return self._history[-1].time_s if self._history else None
 
     def release(self) -> SlipEstimate:
         """Forget the contact, because nothing touches; what is known of friction stays."""
@@ -152,9 +161,9 @@ class SlipEstimator:
             return SlipEstimate(friction=self._last.friction, friction_std=self._last.friction_std)
         if normal <= 0:
             return self.release()
-        if self._history and time_s <= self._history[-1].time_s:
+        if self.time_s is not None and time_s <= self.time_s:
             raise InputError(
-                expected=f"a time later than the last one, {self._history[-1].time_s:g} s",
+                expected=f"a time later than the last one, {self.time_s:g} s",
                 got=f"{time_s:g} s",
                 remedy="give the images in their order, each once",
             )
@@ -174,7 +183,7 @@ class SlipEstimator:
     def _remember(self, sample: "_Sample") -> None:
         """Keep the samples of the last moments, two at least."""
         self._history.append(sample)
-        while len(self._history) > 2 and self._history[1].time_s < sample.time_s - _SPEED_WINDOW_S:
+        while len(self._history) > 2 and self._history[1].time_s < sample.time_s - _LONGEST_WINDOW_S:
             self._history.popleft()
 
     def _estimate(self, sample: "_Sample") -> SlipEstimate:
@@ -184,11 +193,9 @@ class SlipEstimator:
             return SlipEstimate(
                 SlipState.STATIC, 0.0, 0.0, 1.0, speed=0.0, friction=known.friction, friction_std=known.friction_std
             )
-        springs, share, velocity = self._springs, self._springs.share, np.zeros(2)
-        slides, is_moving = share < _STUCK_SHARE, False
-        if len(self._history) > 1:
-            velocity, is_moving = _slip_velocity(self._history[0], sample, springs.stiffness)
-        p_gross = float((springs.weight * slides).sum()) if is_moving else 0.0
+        springs, share = self._springs, self._springs.share
+        velocity = _slip_velocity(self._history, springs.stiffness)
+        p_gross = float((springs.weight * (share < _STUCK_SHARE)).sum()) if velocity.any() else 0.0
         p_incipient = float((springs.weight * (share < INCIPIENT_SHARE)).sum()) - p_gross
         state = SlipState.STATIC
         if p_gross > 0.5:
@@ -198,7 +205,8 @@ class SlipEstimator:
         is_gross, speed = state == SlipState.GROSS, float(np.linalg.norm(velocity))
         if is_gross:
             self._friction.add(self._history[-2], sample, speed)
-        began = is_gross and self._last.state != SlipState.GROSS
+        began = is_gross and sample.time_s - self._slid_at_s > _LONGEST_WINDOW_S  # noise interrupts a slip for less
+        self._slid_at_s = sample.time_s if is_gross else self._slid_at_s
         return SlipEstimate(
             state,
             max(p_incipient, 0.0),
@@ -224,20 +232,32 @@ class _Sample:
     load_std: float
 
 
-def _slip_velocity(before: _Sample, now: _Sample, stiffness: float) -> tuple[Float[Array, "2"], bool]:
-    """Return how fast the object slides if all of it does (displacement − load/stiffness), and whether that is beyond errors."""
-    moved = now.displacement - before.displacement
-    slid = moved - (now.tangential - before.tangential) / stiffness
-    std = np.sqrt(2) * np.hypot(now.displacement_std, now.load_std / stiffness)
-    is_moving = bool(np.linalg.norm(slid) > _MOVING_STDS * std)
-    return slid / (now.time_s - before.time_s), is_moving
+def _slip_velocity(history: Sequence[_Sample], stiffness: float) -> Float[Array, "2"]:
+    """Return how fast the object slides if all of it does; zero where that is within errors, or has just ended.
+
+    The distance that slid is displacement − load/stiffness. It slides if the distance is beyond errors over any time up to
+    `_LONGEST_WINDOW_S`; the velocity is that over all of it, which noise changes least.
+    """
+    now = history[-1]
+    ago_s = now.time_s - np.array([one.time_s for one in history])
+    places = np.array([one.displacement - one.tangential / stiffness for one in history])
+    slid = places[-1] - places
+    std = np.sqrt(2) * float(np.hypot(now.displacement_std, now.load_std / stiffness))
+    for last in range(len(history) - 2, 0, -1):
+        longer = ago_s[last] / (ago_s[0] - ago_s[last])
+        went_on = longer * float(np.linalg.norm(slid[0] - slid[last]))
+        if went_on / 2 > max(float(np.linalg.norm(slid[last])), _STOPPED_STDS * (1 + longer) * std):
+            return np.zeros(2)
+    is_sliding = bool((np.linalg.norm(slid, axis=1) > _MOVING_STDS * std).any())
+    return np.asarray(slid[0] / ago_s[0]) if is_sliding else np.zeros(2)
 
 
 @dataclass
 class _SlidingFriction:
-    """The ratio of loads, averaged over the distance that slid."""
+    """The ratio of loads, averaged over the distance that slid and the load under which it did."""
 
     distance: float = 0.0
+    weight: float = 0.0
     ratio: float = 0.0
     squared_ratio: float = 0.0
     is_known: bool = False
@@ -245,22 +265,24 @@ class _SlidingFriction:
     def add(self, before: _Sample, now: _Sample, speed: float) -> None:
         """Average over another image in which everything slides."""
         ratio, step = float(np.linalg.norm(now.tangential)) / now.normal, speed * (now.time_s - before.time_s)
+        weight = step * now.normal
         self.distance += step
-        self.ratio += step * ratio
-        self.squared_ratio += step * ratio**2
+        self.weight += weight
+        self.ratio += weight * ratio
+        self.squared_ratio += weight * ratio**2
         self.is_known = self.is_known or self.distance > _LEAST_SLID_STDS * now.displacement_std
 
     @property
     def mean(self) -> float:
         """Friction coefficient; not a number until something slid."""
-        return self.ratio / self.distance if self.is_known else float("nan")
+        return self.ratio / self.weight if self.is_known else float("nan")
 
     @property
     def std(self) -> float:
         """Standard deviation of the error of the mean."""
         if not self.is_known:
             return float("nan")
-        variance = max(self.squared_ratio / self.distance - self.mean**2, 0.0)
+        variance = max(self.squared_ratio / self.weight - self.mean**2, 0.0)
         return float(np.sqrt(variance + (_FRICTION_ERROR * self.mean) ** 2))
 
 
@@ -320,6 +342,8 @@ class _Springs:
     """Displacement up to which the springs have been loaded."""
     normal: float = field(init=False)
     """Normal load for which their limits hold."""
+    slack: float = field(default=0.0, init=False)
+    """By how much it may be too large, as a part of it."""
     weight: Float[Array, "shapes stiffnesses frictions"] = field(init=False)
     share: Float[Array, "shapes stiffnesses frictions"] = field(init=False)
     """Share of the area whose springs are below the limits of their sliders."""
@@ -345,6 +369,7 @@ class _Springs:
     def load(self, sample: _Sample, after_s: float) -> None:
         """Stretch the springs to a displacement, let them slide, and compare their sum with the tangential load."""
         step, normal = self._step_with_play(sample), self._normal_with_play(sample)
+        self.slack = min(_PLAY_STDS * sample.load_std / sample.normal, 1.0)
         has_changed, self.normal = bool(step.any()) or normal != self.normal, normal
         self._unrelaxed_s += after_s
         if not has_changed and self._unrelaxed_s < _RELAX_EVERY_S:
@@ -384,7 +409,7 @@ class _Springs:
         limit = limit[:, None, None] * (_FRICTION * self.normal).astype(np.float32)[:, None]
         length = np.hypot(*self.force)
         self.force *= np.minimum(1, limit / np.maximum(length, np.float32(1e-12)))
-        self.share = ((length < _AT_LIMIT * limit) * area[:, None, None]).sum(axis=-1)
+        self.share = ((length < (_AT_LIMIT - self.slack) * limit) * area[:, None, None]).sum(axis=-1)
 
     def _set_weight(self) -> None:
         weight = np.exp(self._log_weight - self._log_weight.max())
