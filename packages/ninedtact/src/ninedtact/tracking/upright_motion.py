@@ -21,6 +21,8 @@ _DENT = 0.3
 _CENTRE_STD_MM = 0.12
 """Error of a step of the middle of the dent, on simulated sensors."""
 _LEAST_STD_MM = 0.01
+_RELATIVE_ERROR = 0.1
+"""Error of a displacement over its length, on simulated sensors: shear moves the middle of a dent."""
 _UNSEEN_RAD = 2.0
 """Standard deviation of a turn that is not seen: any angle."""
 
@@ -65,7 +67,7 @@ class UprightTracker:
         else:
             self._add_step(centre_mm - self._centre_mm, before, motion)
         self._centre_mm, self._motion = centre_mm, motion
-        std_mm = np.sqrt(self._variance_mm2)
+        std_mm = np.hypot(np.sqrt(self._variance_mm2), _RELATIVE_ERROR * float(np.linalg.norm(self._moved_mm)))
         yaw = (motion.motion.yaw_rad, float(motion.std[5])) if motion.is_known else (np.nan, _UNSEEN_RAD)
         return UprightMotion(TrackState.TRACKED, "", self._moved_mm, std_mm, *yaw)
 
