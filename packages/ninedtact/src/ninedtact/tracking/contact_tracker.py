@@ -1,7 +1,7 @@
 """All that is known of what touches, from image to image: its contacts, the motion of the object, and its slip.
 
-How far the object has moved comes from its shape where that shows it (`ObjectTracker`), and from the contacts' centres where it
-does not, as with balls and flat faces.
+How far the object has moved comes from its shape where that shows it (`ObjectTracker`), otherwise from the centre of a contact that
+is convex, as of balls, and from the edges of others (`ImprintShift`).
 """
 
 from dataclasses import dataclass, field
@@ -13,11 +13,16 @@ from numpy import ndarray as Array
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
 from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_contacts
+from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
 
 _SEEN_STD_MM = 0.06
 """Standard deviation of a position up to which the object's shape shows its motion along the skin."""
+_CONVEX = 0.93
+"""Share of its convex hull that a contact covers from which its centre is that of the object."""
+_UNLIKELY_MM = 0.6
+"""Difference between the steps by edges and by centres from which edges are mistaken."""
 CENTRE_STD_MM = 0.012
 """Error of the motion of a contact's centre between images, found on simulated sensors."""
 _LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
@@ -55,13 +60,17 @@ class ContactTracker:
     _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
     """Estimators of single contacts, by their numbers, where there are several."""
     _moved_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    _imprint: ImprintShift = field(default_factory=ImprintShift, init=False, repr=False)
+    _imprint_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    """Shift of the imprint in the image before."""
     _last: TrackedContacts | None = field(default=None, init=False, repr=False)
 
     def update(self, reading: Reading) -> TrackedContacts:
         """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
         contacts = () if reading.image_warnings else self._followed.update(find_contacts(reading))
         motion = self.objects.update(reading)
-        self._moved_mm = self._moved_mm + self._step_mm(contacts, motion)
+        imprint_step_mm = self._imprint_step_mm(reading, contacts)
+        self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
         if not contacts and not reading.image_warnings and not (reading.force is not None and reading.force.touching):
             slip, self._slips = self.slip.release(), {}
@@ -71,7 +80,18 @@ class ContactTracker:
         self._last = TrackedContacts(contacts, motion, self._moved_mm, slip, slips)
         return self._last
 
-    def _step_mm(self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion) -> Float[Array, "2"]:
+    def _imprint_step_mm(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> Float[Array, "2"]:
+        """Return how far the imprint has moved since the image before."""
+        if not contacts:
+            self._imprint.forget()
+            self._imprint_mm = np.zeros(2)
+            return self._imprint_mm
+        before, self._imprint_mm = self._imprint_mm, self._imprint.update(reading.height)
+        return self._imprint_mm - before
+
+    def _step_mm(
+        self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, imprint_step_mm: Float[Array, "2"]
+    ) -> Float[Array, "2"]:
         """Return how far the object has moved along the skin since the image before."""
         if self._last is None:
             return np.zeros(2)
@@ -83,7 +103,12 @@ class ContactTracker:
         if not pairs:
             return np.zeros(2)
         areas, steps = zip(*pairs, strict=True)
-        return np.asarray(np.average(steps, axis=0, weights=areas))
+        step_mm = np.asarray(np.average(steps, axis=0, weights=areas))
+        has_edges = min(contact.convexity for contact in contacts) < _CONVEX
+        is_alike = (
+            float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
+        )  # edges of one part on those of another
+        return imprint_step_mm if has_edges and is_alike else step_mm
 
     def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""

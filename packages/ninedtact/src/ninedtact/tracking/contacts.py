@@ -36,6 +36,8 @@ class ContactPatch:
     """Angle of its long axis from x, −π/2 to π/2; has no meaning where `elongation` is about one."""
     elongation: float
     """Ratio of its extents along and across the long axis, at least one."""
+    convexity: float
+    """Share of its convex hull that the outline encloses; one for a convex contact."""
     force: WrenchEstimate | None = None
     """Its share of the wrench about the centre of the skin, with its error; None where the reading has no tractions."""
     number: int = 0
@@ -99,6 +101,7 @@ def _measure_patch(height: HeightMap, part: _Part) -> ContactPatch:
         _on_skin(height, outline[:, 1] + part.row, outline[:, 0] + part.col),
         (angle + np.pi / 2) % np.pi - np.pi / 2,
         float(np.sqrt(extents[1] / max(extents[0], 1e-12))),
+        cv2.contourArea(outline) / max(cv2.contourArea(cv2.convexHull(outline)), 1e-12),
     )
 
 
