@@ -114,6 +114,12 @@ def test_a_finger_in_mujoco_grips_by_its_image(real_data: Path, tmp_path: Path) 
     assert warnings.endswith(": none")
 
 
+def test_a_grip_that_tightens_before_slip_holds(real_data: Path, physical_sensor: SensorFolder) -> None:
+    said = run("09_grip_before_slip.py", real_data, "--sensor", physical_sensor.path)
+    assert number(r"not tightened: slid in (\d+)", said) > 10
+    assert number(r"\ntightened: slid in (\d+)", said) == 0
+
+
 def test_the_tour_runs_with_the_public_names_and_its_page_is_what_it_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

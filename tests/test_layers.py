@@ -28,7 +28,7 @@ LAYERS = {
         {"calibration", "stream_memory"},
         {"reference_images"},
         {"recording", "sensor"},
-        {"source_addresses"},
+        {"source_addresses", "rectified_images"},
         {"open_sensor", "live"},
         {"live_sensor"},
         {"studio"},

@@ -235,6 +235,8 @@ class EstimateWarning(StrEnum):
     """The reference image of this session shows another sensor or something that touches the gel, or is overexposed."""
     CALIBRATION_EDITED = "calibration edited"
     """The numbers of `sensor.toml` are not those that the calibration wrote."""
+    NOT_CALIBRATED = "not calibrated"
+    """Nothing of the sensor is calibrated: gel and light are taken to be those of the published design."""
     LIGHT_CHANGED = "light changed"
     """Gain or gamma differ from those of the reference image by 1 % or more; what `Reading.light` says was taken out."""
     LIGHT_BANDED = "bands in the light"

@@ -122,7 +122,8 @@ class Reading:
     @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons why the image cannot be a press on this sensor, for example a failed LED; empty for a plausible image."""
-        return find_image_warnings(self.rectified, self.reference, self.height, self.light)
+        knows_depth = EstimateWarning.NOT_CALIBRATED not in self.reference_warnings
+        return find_image_warnings(self.rectified, self.reference, self.height, self.light, knows_depth)
 
     @cached_property
     def summary(self) -> ShapeSummary:

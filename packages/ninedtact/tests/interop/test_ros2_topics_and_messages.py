@@ -1,5 +1,6 @@
 """ROS 2 messages mean what they say: units, axes, frames, and a camera model that projects as the calibration does."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,13 @@ from ninedtact.errors import InputError
 from ninedtact.interop.ros2_topics_and_messages import (
     CAMERA_INFO,
     COMPRESSED,
+    CONTACTS,
     LIVE_TOPICS,
     POINTS,
     TF_TYPE,
     SensorMessages,
     decode_ros2_command,
+    encode_ros2_contacts,
 )
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate, skin_grid_mm
 from ninedtact.reading import Reading
@@ -29,6 +32,7 @@ from ninedtact.recording.topics_and_messages import Topic, decode_height_map, ty
 from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
 from ninedtact.shape.surface import point_cloud
+from ninedtact.tracking import ContactTracker
 
 WALL_NS = 1_790_000_000_123_456_789
 WRENCH = WrenchEstimate(
@@ -59,7 +63,7 @@ def test_all_messages_of_a_reading_carry_its_stamp_and_the_frames_of_its_sensor(
     camera = {Topic.IMAGES.value, COMPRESSED, CAMERA_INFO}
     for topic, message in stamped.items():
         assert message.header.frame_id == ("left_hand_camera_optical" if topic in camera else "left_hand_skin")
-    assert set(encoded) == set(LIVE_TOPICS) - {"status", Topic.MEASURED, Topic.REFERENCE_GREY}
+    assert set(encoded) == set(LIVE_TOPICS) - {"status", CONTACTS, Topic.MEASURED, Topic.REFERENCE_GREY}
     assert MESSAGES.path(POINTS) == "/left_hand/points"
     assert [status.message for status in stamped[Topic.WARNINGS].status] == [
         warning.value for warning in reading.warnings
@@ -91,6 +95,20 @@ def test_lengths_are_metres_and_forces_newtons(reading: Reading) -> None:
     assert (wrench.force.z, wrench.torque.y) == (-2.0, 2e-3)
     image = decode(COMPRESSED, encoded[COMPRESSED])
     assert np.abs(cv2.imdecode(image.data, cv2.IMREAD_COLOR).astype(float) - reading.image).mean() < 5
+
+
+def test_contacts_are_json_in_metres_with_null_for_what_is_not_known(reading: Reading) -> None:
+    found = ContactTracker().update(reading)
+    said = json.loads(decode(CONTACTS, encode_ros2_contacts(found, WALL_NS)).data)
+    (contact,) = said["contacts"]
+    assert said["stamp_ns"] == WALL_NS and said["slip"]["state"] == contact["slip"]["state"] == "static"
+    assert said["slip"]["friction"] is None and contact["number"] == 1
+    assert contact["centre_m"] == pytest.approx((1e-3 * found.contacts[0].centre_mm).tolist())
+    assert contact["force_n"] is None, "the estimate has no tractions to cut"
+    free = json.loads(
+        decode(CONTACTS, encode_ros2_contacts(ContactTracker().update(replace(reading, force=None)), 0)).data
+    )
+    assert free["slip"]["state"] == "unknown"
 
 
 @pytest.mark.parametrize("turn_deg", [0, 90, -130])

@@ -10,6 +10,7 @@ from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.surface import summarise_shape
 from ninedtact.studio.page_cards import shape_summary_html
 from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, skin_surface
+from ninedtact.tracking import SlipEstimate, SlipState
 
 SCALE = ColourScale(2.0, 0.5)
 
@@ -45,3 +46,13 @@ def test_a_press_deeper_than_the_curve_is_shown_as_a_lower_limit() -> None:
     )
     assert "≥" not in usual and "lower limit" not in usual
     assert "≥ 1.90" in deeper and "is a lower limit" in deeper
+
+
+def test_the_slip_lamp_says_how_much_sticks_and_is_out_where_slip_is_unknown() -> None:
+    summary = summarise_shape(ball_print())
+    dark, lit = (
+        shape_summary_html(summary, False, slip)
+        for slip in (SlipEstimate(), SlipEstimate(SlipState.INCIPIENT, sticking_share=0.34))
+    )
+    assert "sticks" not in dark and "&#9679;" not in dark
+    assert "incipient, 34% sticks" in lit and "&#9679;" in lit

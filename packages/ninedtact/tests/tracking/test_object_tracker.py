@@ -2,7 +2,7 @@
 
 import csv
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -102,9 +102,49 @@ def test_the_command_writes_the_path_of_a_key(
     assert "6 images, 6 with an object that was followed" in capsys.readouterr().out
     rows = list(csv.DictReader(out.open()))
     assert [row["state"] for row in rows] == ["tracked"] * 6 and rows[0]["key_frame"] == "True"
-    end = {name: float(text) for name, text in rows[-1].items() if name.endswith(("mm", "deg", "std"))}
+    end = {name: float(text) for name, text in rows[-1].items() if name.endswith(("mm", "deg", "mm_std", "deg_std"))}
     assert end["rz_deg"] == pytest.approx(np.degrees(last.twist_rad), abs=1.0)
     assert end["rz_deg_std"] < 1.0 and end["x_mm_std"] < 0.06
+
+
+def test_the_command_writes_the_slip_of_a_ball(
+    physical_sensor: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "images").mkdir()
+    twin, ball, last = replace(physical_sensor.twin(), friction=0.5), indenter_from_name("ball:4"), None
+    cv2.imwrite(str(tmp_path / "reference.png"), twin.renderer(None, 99))
+    depths_mm, drags_mm = np.minimum(0.2 * np.arange(1, 41), 0.8), np.maximum(0.1 * (np.arange(40) - 9), 0)
+    true = []
+    for number, (depth_mm, drag_mm) in enumerate(zip(depths_mm.tolist(), drags_mm.tolist(), strict=True)):
+        last = twin.press(last, ball, Pose(drag_mm - 1.5, 0.3, depth_mm))
+        true.append(1 - (last.slip_share or 0))
+        cv2.imwrite(str(tmp_path / "images" / f"{number:02}.png"), twin.renderer(last.corrected, number))
+    out, reference = tmp_path / "path.csv", tmp_path / "reference.png"
+    words = ["--sensor", physical_sensor.path, "--reference", reference, "--out", out]
+    assert main(["track", str(tmp_path / "images"), *map(str, words)]) == 0
+    said = capsys.readouterr().out
+    assert "slip is gross in" in said and "friction coefficient 0." in said
+    rows = list(csv.DictReader(out.open()))
+    assert {row["touching"] for row in rows} == {"True"} and {row["contacts"] for row in rows} == {"1"}
+    slips, slides_from = [row["slip"] for row in rows], int(np.argmin(np.array(true) > 0.02))
+    assert slips[:11] == ["static"] * 11 and "incipient" in slips[11:slides_from]
+    assert abs(slips.index("gross") - slides_from) <= 2 and set(slips[slides_from + 2 :]) == {"gross"}
+    end = {name: float(text) for name, text in rows[-1].items() if name.startswith(("friction", "slip_speed", "p_"))}
+    assert end["friction"] == pytest.approx(0.5, rel=0.1) and abs(end["friction"] - 0.5) < 2 * end["friction_std"]
+    rate_hz = 1 / (float(rows[1]["time_s"]) - float(rows[0]["time_s"]))
+    assert end["slip_speed_mm_s"] == pytest.approx(0.1 * rate_hz, rel=0.3)
+    assert 0 <= end["p_incipient"] <= 1 - end["p_gross"] + 1e-6
+    assert main(["track", str(tmp_path / "images"), *map(str, words), "--force", "none"]) == 0
+    assert {row["slip"] for row in csv.DictReader(out.open())} == {"unknown"}
+
+
+def test_a_track_that_cannot_be_written_is_one_sentence(
+    pressed_key: tuple[Path, Path, Pose], physical_sensor: SensorFolder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reference, images, _ = pressed_key
+    words = ["--sensor", physical_sensor.path, "--reference", reference, "--out", "/no/such/folder/path.csv"]
+    assert main(["track", str(images), *map(str, words)]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_what_was_followed_before_a_damaged_image_is_kept(

@@ -114,3 +114,22 @@ def test_motions_compose_and_their_difference_is_the_error_that_was_added() -> N
     assert first.inverse.after(first)(points) == pytest.approx(points)
     wrong = first.perturbed(first(about_mm), error)
     assert wrong.difference(first, about_mm) == pytest.approx(error, abs=1e-12)
+
+
+def test_the_displacement_of_an_upright_ball_is_seen_and_its_turn_is_not() -> None:
+    moved = RigidMotion(translation_mm=np.array([0.6, -0.3, 0.0]))
+    before, now = (surface_of(seen_height(ball, motion)) for motion in (RigidMotion(), moved))
+    free, upright = Registration()(before, now), Registration(is_upright=True)(before, now)
+    assert free is not None and upright is not None
+    assert free.std[:2].min() > 0.5 and upright.std[:2].max() < 0.1
+    assert np.abs(upright.motion.translation_mm - moved.translation_mm)[:2].max() < 0.03
+    assert np.allclose(upright.motion.rotation, np.eye(3), atol=0.02) and np.degrees(upright.std[5]) > 45
+
+
+def test_rotations_stay_rotations_over_hundreds_of_predicted_steps() -> None:
+    motions = [RigidMotion().perturbed(np.zeros(3), np.array([0, 0, 0, 1e-3, -2e-3, angle])) for angle in (0.0, 0.01)]
+    for _ in range(300):
+        before, last = motions[-2:]
+        predicted = last.after(before.inverse).after(last)
+        motions.append(predicted.perturbed(np.zeros(3), np.zeros(6)))
+    assert np.allclose(motions[-1].rotation @ motions[-1].rotation.T, np.eye(3), atol=1e-9)

@@ -1,11 +1,11 @@
-"""ninedtact track: a recording, video or camera of a calibrated sensor → the path of the object that touches, as CSV."""
+"""ninedtact track: a recording, video or camera of a calibrated sensor → path and slip of the object that touches, as CSV."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -16,23 +16,26 @@ from ninedtact.cli.result_and_interrupt import (
     print_result,
     stop_on_signal,
 )
-from ninedtact.cli.shared_options import ForceOption, RecordedSensorOption, ReferenceOrFirstOption, SourceOption
+from ninedtact.cli.shared_options import RecordedSensorOption, ReferenceOrFirstOption, SourceOption
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
+    from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.reading import Reading
-    from ninedtact.tracking import ObjectMotion
+    from ninedtact.tracking import TrackedContacts
 
 _AXES = "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"
 COLUMNS = (
-    *("frame", "time_s", "state", "path", *_AXES, "yaw_deg"),
+    *("frame", "time_s", "touching", "contacts", "state", "path", *_AXES, "yaw_deg"),
     *(f"{axis}_std" for axis in _AXES),
+    *("slip", "p_incipient", "p_gross", "sticking_share", "slip_speed_mm_s", "friction", "friction_std"),
     *("overlap", "rms_mm", "key_frame", "reason"),
 )
 
 
 @dataclass(frozen=True)
 class Track:
-    """Follow the object that touches: its path and turn since it touched first, with errors, one line for each image.
+    """Follow the object that touches: its path and turn since it touched first, with errors, and its slip, one line for each image.
 
     What cannot be seen has an error that says so: the turn of a ball, for example, ±115°.
     """
@@ -40,7 +43,17 @@ class Track:
     source: tyro.conf.Positional[SourceOption]
     sensor: RecordedSensorOption = None
     reference: ReferenceOrFirstOption = ()
-    force: ForceOption = "none"
+    force: str | None = None
+    """Estimator of the loads from which slip is found (physics if not given, where the sensor is calibrated for it)."""
+    rectified: bool = False
+    """The images of a video or folder are already rectified, and their sensor has no calibration: motion along the skin and slip,
+    with an unknown scale of loads."""
+    mm_per_px: float | None = None
+    """With --rectified: mm on the skin per pixel; without it, the view is as wide as that of the published sensor."""
+    reference_frames: Annotated[str | None, tyro.conf.arg(metavar="FIRST:END")] = None
+    """With --rectified: images without contact by their numbers, such as 0:10; without it, the first until something changes."""
+    rate_hz: float | None = None
+    """With --rectified: images per second; without it, the times of the video, and 10 for a folder."""
     out: Path | None = None
     """CSV file for the path."""
     json: bool = False
@@ -52,13 +65,22 @@ class Track:
         import ninedtact
         from ninedtact.atomic_write import require_place_for_file, write_file_atomically
         from ninedtact.errors import CameraError, FileFormatError
-        from ninedtact.tracking import ObjectTracker
+        from ninedtact.tracking import ContactTracker
 
         require_place_for_file(self.out)
-        tracker, rows = ObjectTracker(), list[dict[str, Any]]()
+        if self.rectified:
+            return self._run_rectified()
+        if (self.mm_per_px, self.reference_frames, self.rate_hz) != (None, None, None):
+            raise InputError(
+                expected="--mm-per-px, --reference-frames and --rate-hz with --rectified",
+                got="one without",
+                remedy="add --rectified, or drop it",
+            )
+        tracker, rows = ContactTracker(), list[dict[str, Any]]()
         damage: FileFormatError | CameraError | None = None
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
-            sensor = ninedtact.open(folder, self.source, self.force, self.reference, follow_reference=False)
+            force = _available_force(folder) if self.force is None else self.force
+            sensor = ninedtact.open(folder, self.source, force, self.reference, follow_reference=False)
             with stop_on_signal() if sensor.source.is_live else nullcontext() as stop, sensor:
                 if stop is not None:
                     print_notice(f"following what touches {sensor.source.name} until Ctrl-C")
@@ -74,11 +96,24 @@ class Track:
                         raise
                     damage = error
         if self.out is not None:
-            write_file_atomically(self.out, _to_csv(rows))
+            write_file_atomically(self.out, _to_csv(rows, COLUMNS))
         print_result(self.json, {"path": rows}, self._format(rows))
-        if damage is not None:
-            print_notice(f"{damage} ({count_images(len(rows))} followed before)")
-        return 0 if damage is None else 1
+        return _report_damage(damage, len(rows))
+
+    def _run_rectified(self) -> int:
+        """Follow the object through rectified images."""
+        from ninedtact.atomic_write import write_file_atomically
+        from ninedtact.cli.track_rectified import RECTIFIED_COLUMNS, describe_rectified_rows, track_rectified
+
+        for option, value in (("--sensor", self.sensor), ("--force", self.force)):
+            if value is not None:
+                raise InputError(expected=f"{option} or --rectified", got="both", remedy="drop one of them")
+        rows, damage = track_rectified(self.source, self.reference, self.reference_frames, self.mm_per_px, self.rate_hz)
+        if self.out is not None:
+            write_file_atomically(self.out, _to_csv(rows, RECTIFIED_COLUMNS))
+        written = () if self.out is None else (f"wrote {self.out}",)
+        print_result(self.json, {"path": rows}, (*describe_rectified_rows(rows), *written))
+        return _report_damage(damage, len(rows))
 
     def _format(self, rows: list[dict[str, Any]]) -> Iterator[str]:
         tracked = [row for row in rows if row["state"] == "tracked"]
@@ -90,6 +125,13 @@ class Track:
                 f"± ({last['x_mm_std']:.2f}, {last['y_mm_std']:.2f}, {last['z_mm_std']:.2f}), turned by "
                 f"{last['yaw_deg']:.1f}° ± {last['rz_deg_std']:.1f}° about z at {last['time_s']:.2f} s"
             )
+        for slip in ("static", "incipient", "gross"):
+            times_s = [row["time_s"] for row in rows if row["slip"] == slip]
+            if times_s:
+                yield f"slip is {slip} in {len(times_s)} images, first at {times_s[0]:.2f} s"
+        known = [row for row in rows if isfinite(row["friction"])]
+        if known:
+            yield f"friction coefficient {known[-1]['friction']:.2f} ± {known[-1]['friction_std']:.2f}"
         reasons = [row["reason"] for row in rows if row["reason"]]
         for reason in dict.fromkeys(reasons):
             yield f"lost in {reasons.count(reason)} images: {reason}"
@@ -97,36 +139,61 @@ class Track:
             yield f"wrote {self.out}"
 
 
-def _row(reading: "Reading", found: "ObjectMotion", first_ns: int) -> dict[str, Any]:
+def _report_damage(damage: Exception | None, images: int) -> int:
+    """Print what ended a source early, if something did; return the exit code."""
+    if damage is None:
+        return 0
+    print_notice(f"{damage} ({count_images(images)} followed before)")
+    return 1
+
+
+def _available_force(folder: "SensorFolder") -> str:
+    """Return the name of the estimator that needs no file, or none for a calibration that allows no estimate."""
+    if folder.shape.deblurring is not None:
+        return "physics"
+    print_notice("slip is not known: the sensor is not calibrated for force by physics")
+    return "none"
+
+
+def _row(reading: "Reading", found: "TrackedContacts", first_ns: int) -> dict[str, Any]:
     import numpy as np
 
-    moved_mm, turned_deg = found.moved_mm, np.degrees(found.motion.rotation_vector_rad)
-    std = np.concatenate([found.std[:3], np.degrees(found.std[3:])])
-    known = found.is_known
-    numbers = [*moved_mm, *turned_deg, np.degrees(found.motion.yaw_rad)]
+    motion, slip = found.motion, found.slip
+    moved_mm, turned_deg = motion.moved_mm, np.degrees(motion.motion.rotation_vector_rad)
+    std = np.concatenate([motion.std[:3], np.degrees(motion.std[3:])])
+    numbers = [*moved_mm, *turned_deg, np.degrees(motion.motion.yaw_rad)]
     return {
         "frame": reading.frame.index,
         "time_s": (reading.stamp_ns - first_ns) / 1e9,
-        "state": str(found.state),
-        "path": found.path,
+        "touching": bool(found.contacts),
+        "contacts": len(found.contacts),
+        "state": str(motion.state),
+        "path": motion.path,
         **{
-            name: float(value) if known else float("nan")
+            name: float(value) if motion.is_known else float("nan")
             for name, value in zip((*_AXES, "yaw_deg"), numbers, strict=True)
         },
         **{f"{name}_std": float(value) for name, value in zip(_AXES, std, strict=True)},
-        "overlap": found.overlap,
-        "rms_mm": found.rms_mm,
-        "key_frame": found.is_key_frame,
-        "reason": found.reason,
+        "slip": str(slip.state),
+        "p_incipient": slip.p_incipient,
+        "p_gross": slip.p_gross,
+        "sticking_share": slip.sticking_share,
+        "slip_speed_mm_s": slip.speed,
+        "friction": slip.friction,
+        "friction_std": slip.friction_std,
+        "overlap": motion.overlap,
+        "rms_mm": motion.rms_mm,
+        "key_frame": motion.is_key_frame,
+        "reason": motion.reason,
     }
 
 
-def _to_csv(rows: list[dict[str, Any]]) -> bytes:
+def _to_csv(rows: list[dict[str, Any]], columns: Sequence[str]) -> bytes:
     import csv
     from io import StringIO
 
     text = StringIO()
-    table = csv.DictWriter(text, COLUMNS)
+    table = csv.DictWriter(text, columns)
     table.writeheader()
     table.writerows({name: _to_cell(value) for name, value in row.items()} for row in rows)
     return text.getvalue().encode()

@@ -19,6 +19,7 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.interop.dds import DdsParticipant
 from ninedtact.interop.ros2_topics_and_messages import (
     COMMAND,
+    CONTACTS,
     LIVE_TOPICS,
     STATUS,
     STRING_TYPE,
@@ -27,6 +28,7 @@ from ninedtact.interop.ros2_topics_and_messages import (
     QosProfile,
     SensorMessages,
     decode_ros2_command,
+    encode_ros2_contacts,
     encode_ros2_status,
 )
 from ninedtact.interop.sensor_sharing import watch_sensor
@@ -39,6 +41,7 @@ from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.sensor import Sensor
+from ninedtact.tracking import ContactTracker
 
 _STATUS_S = 1.0
 _REFERENCE_S = 1.0
@@ -70,6 +73,8 @@ class SensorOnRos2:
     _recorder: ReadingRecorder = field(init=False)
     _recording_trouble: str = field(default="", init=False)
     """Why the last recording ended by itself, and what it keeps; empty where it did not."""
+    _tracker: ContactTracker = field(default_factory=ContactTracker, init=False, repr=False)
+    """Follows contacts while anybody subscribes to them."""
     _reference: Rectified | None = field(default=None, init=False, repr=False)
     """The reference image that was published last, and when, in s."""
     _reference_at: float = field(default=-_REFERENCE_S, init=False)
@@ -118,6 +123,8 @@ class SensorOnRos2:
         wanted = {topic for topic, writer in self._writers.items() if writer.has_subscribers}
         for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
             self._writers[topic].write(message)
+        if CONTACTS in wanted:
+            self._writers[CONTACTS].write(encode_ros2_contacts(self._tracker.update(reading), wall_ns))
         if reading.reference is not self._reference:
             self._publish_reference(reading.reference, wall_ns)
         self.published += 1

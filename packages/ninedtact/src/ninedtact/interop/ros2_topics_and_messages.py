@@ -43,9 +43,10 @@ from ninedtact.recording.topics_and_messages import (
 )
 from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.shape.surface import point_cloud
+from ninedtact.tracking import SlipEstimate, TrackedContacts
 
 TF_STATIC = "/tf_static"
-STATUS, COMMAND = "status", "command"
+STATUS, COMMAND, CONTACTS = "status", "command", "contacts"
 POINTS, COMPRESSED, CAMERA_INFO = "points", "image_raw/compressed", "camera_info"
 STRING_TYPE, TF_TYPE = "std_msgs/msg/String", "tf2_msgs/msg/TFMessage"
 _POINTS_TYPE, _COMPRESSED_TYPE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CompressedImage"
@@ -80,6 +81,7 @@ LIVE_TOPICS: Mapping[str, tuple[str, QosProfile]] = {
     Topic.COVARIANCE: (MESSAGE_TYPES[Topic.COVARIANCE], QosProfile.RELIABLE),
     Topic.WARNINGS: (MESSAGE_TYPES[Topic.WARNINGS], QosProfile.RELIABLE),
     Topic.REFERENCE_GREY: (MESSAGE_TYPES[Topic.REFERENCE_GREY], QosProfile.LATCHED),
+    CONTACTS: (STRING_TYPE, QosProfile.RELIABLE),
     STATUS: (STRING_TYPE, QosProfile.LATCHED),
 }
 """Type and default quality of service of every topic that is published; a reliable topic serves `sensor_data` subscribers too."""
@@ -285,6 +287,41 @@ class SensorMessages:
     def encode_reference(self, reference: Rectified, wall_ns: int) -> bytes:
         """Return the message of the rectified reference image against which heights are computed from this time on."""
         return encode_reference_grey(reference.grey, wall_ns, self.frame("skin"))
+
+
+def encode_ros2_contacts(found: TrackedContacts, wall_ns: int) -> bytes:
+    """Return contacts and their slip as JSON in a string message: metres, N, N·m about the skin centre; null where not known.
+
+    wall_ns: wall time of the reading's image.
+    """
+    contacts = [
+        {
+            "number": contact.number,
+            "centre_m": (_M_PER_MM * contact.centre_mm).tolist(),
+            "area_m2": _M_PER_MM**2 * contact.area_mm2,
+            "force_n": None if contact.force is None else contact.force.wrench.force_n.tolist(),
+            "torque_nm": None if contact.force is None else contact.force.wrench.torque_nm.tolist(),
+            "slip": _slip_fields(slip),
+        }
+        for contact, slip in zip(found.contacts, found.slips, strict=True)
+    ]
+    fields = {"stamp_ns": wall_ns, "slip": _slip_fields(found.slip), "contacts": contacts}
+    return encode_message(STRING_TYPE, data=json.dumps(fields, allow_nan=False))
+
+
+def _slip_fields(slip: SlipEstimate) -> dict[str, Any]:
+    numbers = {
+        "p_incipient": slip.p_incipient,
+        "p_gross": slip.p_gross,
+        "sticking_share": slip.sticking_share,
+        "speed_m_s": _M_PER_MM * slip.speed,
+        "friction": slip.friction,
+        "friction_std": slip.friction_std,
+    }
+    return {
+        "state": str(slip.state),
+        **{name: float(one) if np.isfinite(one) else None for name, one in numbers.items()},
+    }
 
 
 def encode_ros2_status(fields: Mapping[str, Any]) -> bytes:

@@ -87,12 +87,17 @@ def require_plausible_image(
 
 
 def find_image_warnings(
-    image: Rectified, reference: Rectified, height: HeightMap, light: LightChange = LightChange()
+    image: Rectified,
+    reference: Rectified,
+    height: HeightMap,
+    light: LightChange = LightChange(),
+    knows_depth: bool = True,
 ) -> tuple[EstimateWarning, ...]:
     """Return why an image cannot be a press on this sensor; empty for a plausible image.
 
     image: in the light of the reference image, where a change of light was taken out. height: the height map read from it. light:
-    what was taken out.
+    what was taken out. knows_depth: whether the heights have a known scale; the light along the border of the view is that of
+    calibrated sensors, too.
     """
     corrected, then = _shrink(image.grey), np.maximum(_shrink(reference.grey), np.float32(1))
     now = light.restore(corrected)
@@ -109,10 +114,11 @@ def find_image_warnings(
     differs = (
         not _MEDIAN_RANGE[0] <= median <= _MEDIAN_RANGE[1]
         or np.percentile(ratio[seen], _BRIGHT_PERCENTILE) > _MAX_BRIGHTENING
-        or abs(mean_height_mm) > _MAX_MEAN_HEIGHT_MM
         or not _has_same_structure(np.log(np.maximum(now, 1)), np.log(then), seen)
-        or _border_spread(ratio, seen) > (MAX_BORDER_SPREAD if is_corrected else _MAX_STEADY_BORDER_SPREAD)
     )
+    if knows_depth:
+        most_spread = MAX_BORDER_SPREAD if is_corrected else _MAX_STEADY_BORDER_SPREAD
+        differs |= abs(mean_height_mm) > _MAX_MEAN_HEIGHT_MM or _border_spread(ratio, seen) > most_spread
     return (EstimateWarning.IMAGE_UNLIKE_REFERENCE,) if differs else ()
 
 

@@ -37,6 +37,7 @@ from ninedtact.studio.scene_3d import (
     set_up_view,
 )
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
+from ninedtact.tracking import SlipEstimate, SlipState
 
 if TYPE_CHECKING:
     from ninedtact.studio.recording_player import RecordingPlayer
@@ -48,6 +49,8 @@ _TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+_SLIP_TONES = {SlipState.STATIC: "live", SlipState.INCIPIENT: "busy", SlipState.GROSS: "lost"}
+"""Colours of the slip lamp."""
 _CARDS: Any = _TEMPLATES.get_template("page_cards.html.jinja").module
 
 
@@ -61,8 +64,8 @@ def status_html(status: SensorStatusMessage) -> str:
     return card_html("status", sentence=status.sentence, tone=status.tone)
 
 
-def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
-    """Return maximum indentation, contact area, contact centre and a warning as HTML."""
+def shape_summary_html(summary: ShapeSummary, is_past: bool, slip: SlipEstimate = SlipEstimate()) -> str:
+    """Return maximum indentation, contact area, contact centre, a slip lamp where slip is known, and a warning as HTML."""
     x_y = summary.contact_centre_mm
     centre = x_y and f"centre at x {format_signed_tenths(x_y[0])}, y {format_signed_tenths(x_y[1])} mm"
     measures = (
@@ -71,7 +74,11 @@ def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
     )
     warning = "; ".join(summary.warnings)
     where = centre or ("" if summary.is_deepest_clipped else "nothing touches")
-    return card_html("shape_summary", measures=measures, where=where, warning=warning, is_past=is_past)
+    lamp = _SLIP_TONES.get(slip.state, "")
+    said = f"{slip.state}, {slip.sticking_share:.0%} sticks" if lamp else ""
+    return card_html(
+        "shape_summary", measures=measures, where=where, warning=warning, is_past=is_past, lamp=lamp, slip=said
+    )
 
 
 def format_max_indentation(summary: ShapeSummary) -> str:

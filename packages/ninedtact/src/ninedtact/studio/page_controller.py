@@ -25,6 +25,7 @@ from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
 from ninedtact.studio.saved_files import SaveQuota, save_moment_files
+from ninedtact.tracking import SlipEstimate
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -108,6 +109,8 @@ class SensorMoment:
     shown_hz: float = 0.0
     name: str = ""
     """Name of the sensor among several."""
+    slip: SlipEstimate = SlipEstimate()
+    """Slip in the newest reading; unknown where no forces are estimated."""
 
     @property
     def reading(self) -> Reading | None:
@@ -180,8 +183,12 @@ class DisplayedSensor:
         wrenches: Sequence[WrenchHistory] = (),
         press: TwinPressController | None = None,
         name: str = "",
+        slip: Callable[[], SlipEstimate] = SlipEstimate,
     ) -> None:
-        """press: what people do with a twin; None for a sensor that is no twin. name: of the sensor among several."""
+        """press: what people do with a twin; None for a sensor that is no twin. name: of the sensor among several. slip: returns
+        that of the newest reading.
+        """
+        self._slip = slip
         self.poller, self.wrenches, self.press, self.name = poller, tuple(wrenches), press, name
         self._view: ReadingView | None = None
         self._views, self._shown = 0, RateMeter()
@@ -205,7 +212,8 @@ class DisplayedSensor:
             self._view = self._view.with_past(status.is_past)
         now_ns = time.monotonic_ns()
         wrenches = tuple(self._wrench_of_moment(history, now_ns) for history in self.wrenches)
-        return SensorMoment(status, snapshot, self._view, wrenches, self._shown.hz(now_ns), self.name)
+        shown_hz = self._shown.hz(now_ns)
+        return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, self.name, self._slip())
 
     def _wrench_of_moment(self, history: WrenchHistory, now_ns: int) -> WrenchSourceSnapshot:
         """Return the wrench at the time of the shown reading: its own estimate, of which the history has not every one."""

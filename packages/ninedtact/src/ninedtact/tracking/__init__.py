@@ -1,20 +1,39 @@
-"""What touches, followed over time: the motion of an object on the skin from frame to frame, with its covariance.
+"""What touches, followed over time: readings in; contacts, the motion of the object with its covariance, and slip out.
 
-`ObjectTracker` follows an object through a stream of readings; `register` finds the motion between two of them.
+`ContactTracker` does all of it. `find_contacts` cuts one reading into contacts, `ObjectTracker` follows an object by its shape,
+`Registration` finds the motion between two readings, and `SlipEstimator` needs no more than displacement and loads.
+`UprightTracker` and `slip_of_sequence` are for sensors without a calibration.
 """
 
+from ninedtact.tracking.contact_tracker import ContactTracker, TrackedContacts
+from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_contacts
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker, TrackState
 from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
+from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
+from ninedtact.tracking.slip_of_sequence import SlipSample, slip_of_sequence
 from ninedtact.tracking.touched_surface import TouchedSurface, touched_surface
+from ninedtact.tracking.upright_motion import UprightMotion, UprightTracker
 
 __all__ = [
+    "ContactFollower",
+    "ContactPatch",
+    "ContactTracker",
     "ObjectMotion",
     "ObjectTracker",
     "Registration",
     "RegistrationResult",
     "RigidMotion",
+    "SlipEstimate",
+    "SlipEstimator",
+    "SlipSample",
+    "SlipState",
     "TouchedSurface",
     "TrackState",
+    "TrackedContacts",
+    "UprightMotion",
+    "UprightTracker",
+    "find_contacts",
+    "slip_of_sequence",
     "touched_surface",
 ]

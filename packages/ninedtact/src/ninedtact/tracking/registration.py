@@ -11,6 +11,7 @@ direction whose information is mostly noise is not searched, and its variance is
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import radians
 
 import numpy as np
 from jaxtyping import Float
@@ -47,6 +48,8 @@ _LEAST_SIGNAL = 0.5
 """Share of the information about a direction that must not be noise for it to be searched."""
 _PRIOR_MM, _PRIOR_RAD = 5.0, 2.0
 """Standard deviation of a motion that is not seen: as large as the skin, and any angle."""
+_UPRIGHT, _UPRIGHT_RAD = np.array([1, 1, 1, 0, 0, 1]), radians(1)
+"""One for each direction in which an object that does not tilt may move; standard deviation of what it tilts all the same."""
 
 
 def point_to_plane(
@@ -116,6 +119,8 @@ class Registration:
     residual: Residual = point_to_plane
     weights: Weights = RejectOutliers()
     ends: Termination = EndAtSmallStep()
+    is_upright: bool = False
+    """Whether the object is taken not to tilt. Then the displacement of a ball is seen, which may otherwise have rolled."""
 
     def __call__(
         self, earlier: TouchedSurface, later: TouchedSurface, guess: RigidMotion = RigidMotion()
@@ -123,17 +128,18 @@ class Registration:
         """Return the motion from one surface to the next, from a guess near by; None where they do not overlap."""
         motion, radius_mm = guess, _radius_of_gyration(earlier)
         scale = np.array([1, 1, 1, radius_mm, radius_mm, radius_mm])  # all six in mm at the rim
+        free = _UPRIGHT if self.is_upright else np.ones(6)
         for iteration in range(_MAX_ITERATIONS):
             distance, derivative, both, lever = self.residual(earlier, later, motion)
             weight = self.weights(distance, both)
             if weight.sum() < _MIN_WEIGHT:
                 return None
             rms_mm = float(np.sqrt(weight @ distance**2 / weight.sum()))
-            scaled = derivative / scale
+            scaled = derivative * free / scale
             information = (scaled * weight[:, None]).T @ scaled
             # A poor guess makes distances large, which is not noise.
             error_mm = float(np.clip(rms_mm, _LEAST_DISTANCE_MM, _MOST_NOISE_MM))
-            noise = _information_of_noise(weight, lever, error_mm) / np.outer(scale, scale)
+            noise = _information_of_noise(weight, lever, error_mm) * np.outer(free / scale, free / scale)
             values, directions = np.linalg.eigh(information)
             signal = values - np.einsum("ij,ik,kj->j", directions, noise, directions)
             is_seen = signal > _LEAST_SIGNAL * values
@@ -143,7 +149,9 @@ class Registration:
             if self.ends(iteration, step):
                 break
         variance = max(rms_mm, _LEAST_DISTANCE_MM) ** 2 * max(_CORRELATED_MM2 / earlier.point_area_mm2, 1.0)
-        prior = 1 / np.square([_PRIOR_MM] * 3 + [_PRIOR_RAD * radius_mm] * 3)
+        prior = 1 / np.square(
+            free * ([_PRIOR_MM] * 3 + [_PRIOR_RAD * radius_mm] * 3) + (1 - free) * _UPRIGHT_RAD * radius_mm
+        )
         known = directions * np.where(is_seen, signal / variance, 0) @ directions.T
         covariance = np.linalg.inv(known + np.diag(prior)) / np.outer(scale, scale) + np.diag(_SYSTEMATIC_STD**2)
         overlap = float((both > 0.5).mean())

@@ -47,7 +47,9 @@ class RigidMotion:
     def perturbed(self, about_mm: Float[Array, "3"], error: Float[Array, "6"]) -> "RigidMotion":
         """Return the motion followed by a small one that displaces `about_mm`, a point after the motion, and turns about it."""
         turn = Rotation.from_rotvec(error[3:]).as_matrix()
-        return RigidMotion(turn @ self.rotation, turn @ (self.translation_mm - about_mm) + about_mm + error[:3])
+        # Rounding errors of a product of many rotations would double from image to image.
+        rotation = Rotation.from_matrix(turn @ self.rotation).as_matrix()
+        return RigidMotion(rotation, turn @ (self.translation_mm - about_mm) + about_mm + error[:3])
 
     def difference(self, other: "RigidMotion", point_mm: Float[Array, "3"]) -> Float[Array, "6"]:
         """Return the error of this motion if the other is true, at a point of the object before the motion."""

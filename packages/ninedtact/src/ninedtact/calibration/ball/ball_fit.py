@@ -50,6 +50,7 @@ from ninedtact.shape.depth import (
 )
 from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.calibration_press_models import BallPressParameters
+from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.pixel_to_skin_map import SightlineGrid
 
 
@@ -223,6 +224,15 @@ _SHARPNESS_COST_MM = 0.003
 """Error of the ball's reconstruction that a sharper one may add. A ball is smooth and gains nothing from sharpness; edges do."""
 
 
+def depth_curve_of_brightness_model(light: BrightnessModel, deepest_mm: float) -> DepthCurve:
+    """Return a brightness model as a depth curve down to this thinning of the gel, without errors."""
+    depth_mm = np.linspace(0, deepest_mm, _KNOT_COUNT)
+    darkening = np.abs(light.brightness_change(-depth_mm))
+    brightening = light.brightening_per_mm * _MAX_BULGE_MM
+    bulges = ((0.0, brightening), (0.0, _MAX_BULGE_MM)) if brightening > 0 else ((0.0,), (0.0,))
+    return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * _KNOT_COUNT, *bulges)
+
+
 @dataclass(frozen=True)
 class TwinBallFit(BallFit):
     """The fit of the method `physics`: the depth curve follows from the brightness model of the twin that explains the image."""
@@ -305,12 +315,7 @@ class TwinBallFit(BallFit):
     @cached_property
     def _model_curve(self) -> DepthCurve:
         """The brightness model as a depth curve, without errors and without continuation."""
-        light = self.twin_fit.light
-        depth_mm = np.linspace(0, self._calibrated_thinning_mm, _KNOT_COUNT)
-        darkening = np.abs(light.brightness_change(-depth_mm))
-        brightening = light.brightening_per_mm * _MAX_BULGE_MM
-        bulges = ((0.0, brightening), (0.0, _MAX_BULGE_MM)) if brightening > 0 else ((0.0,), (0.0,))
-        return DepthCurve("ratio", tuple(darkening.tolist()), tuple(depth_mm.tolist()), (0.0,) * _KNOT_COUNT, *bulges)
+        return depth_curve_of_brightness_model(self.twin_fit.light, self._calibrated_thinning_mm)
 
     @property
     def _calibrated_thinning_mm(self) -> float:

@@ -1,0 +1,307 @@
+"""Slip from rectified images of sensors without a calibration: presses with a drag on twins that differ from the published sensor
+in gel, light, view and friction, in small compressed images, every fourth sequence as a video,
+judged by the macro F1 of static, incipient and gross slip.
+
+Truth is that of the contact model. *Gross*: all of the contact slips while the object moves. *Incipient*: more than 0.3 of its area
+slips under a shear force above 0.3 of what friction holds. Images without contact, and those at rest after sliding, are not judged.
+Constants were chosen on one half of objects, sizes and sensors; figures are of the other.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+
+import cv2
+import numpy as np
+import tyro
+from figures import Figure, answer, at_least
+
+from ninedtact.capture.frame_source import FrameSource, source_ended
+from ninedtact.capture.video_file import VideoFile
+from ninedtact.design import Gel, rectified_mm_per_px
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
+from ninedtact.rectified_images import RectifiedTracker, open_rectified, read_reference_frames
+from ninedtact.simulation.gel_brightness import FITTED_PARAMETERS, BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
+from ninedtact.simulation.renderer import CameraNoise, Renderer
+from ninedtact.simulation.twin import Twin
+
+DEVELOP, REPORT = 0, 1
+"""The halves: constants were chosen on sequences of the first; figures are of the second."""
+OBJECTS = (
+    ("ball:4", "ball:6", "cylinder:3,11", "cross_03", "key_05", "gear_07"),
+    ("ball:3", "ball:8", "ellipsoid:6,3,3", "spanner_02", "letter_17", "punch:3,1"),
+)
+SIZES = ((80, 60), (160, 120), (240, 180)), ((60, 44), (108, 80), (320, 240))
+RENDERED_COLS = 320
+PITCH_MM = 0.4
+MAX_STEP_MM = 0.3
+"""Largest movement between two solutions of the contact."""
+SLIDES, PARTLY = 0.97, 0.3
+"""Share of the contact that slips, and of the shear that friction holds, from which slip is gross, and incipient."""
+
+
+def slip_without_calibration(sequences: int = 60, half: int = REPORT, quick: bool = False, json: bool = False) -> None:
+    """Simulate presses with drags and judge the slip that is found in their images alone."""
+    judged = [judge(simulate_drag(number, half)) for number in range(2 if quick else sequences)]
+    truth, found = (np.concatenate([getattr(one, part) for one in judged]) for part in ("truth", "found"))
+    groups = [
+        macro_f1(*(np.concatenate([getattr(one, part) for one in judged if one.item == item]) for part in PARTS))
+        for item in sorted({one.item for one in judged})
+    ]
+    scores, deviation = class_f1(truth, found), np.concatenate([one.deviation for one in judged])
+    figures = [
+        at_least("macro F1 of all images", float(scores.mean()), 0.6),
+        Figure("F1 of static, incipient and gross", ", ".join(f"{score:.2f}" for score in scores)),
+        Figure("macro F1 by object: mean", float(np.mean(groups))),
+        at_least("macro F1 by object: worst", float(np.min(groups)), 0.4),
+        Figure("macro F1 of always answering gross", macro_f1(truth, np.full_like(truth, "gross"))),
+        Figure("images judged: static, incipient, gross", ", ".join(f"{(truth == slip).sum()}" for slip in CLASSES)),
+        Figure("displacement, error, median over sequences, mm", float(np.median([one.error_mm for one in judged]))),
+        Figure(
+            "displacement, error, largest tenth of sequences, mm",
+            float(np.quantile([one.error_mm for one in judged], 0.9)),
+        ),
+        Figure(
+            "displacement within two and three standard deviations",
+            f"{(deviation < 2).mean():.2f}, {(deviation < 3).mean():.2f}",
+        ),
+        Figure("time of one image, ms", float(np.mean([one.ms for one in judged]))),
+    ]
+    answer("Slip without a calibration", figures, json)
+
+
+CLASSES, PARTS = ("static", "incipient", "gross"), ("truth", "found")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One sequence as it was found."""
+
+    item: str
+    truth: np.ndarray
+    found: np.ndarray
+    error_mm: float
+    """Root mean square error of displacement under at least a third of the greatest load, but for its mean."""
+    deviation: np.ndarray
+    """Error of displacement along x or y, the greater, since the first of these images, over its stated standard deviation."""
+    ms: float
+
+
+def judge(drag: "Drag") -> Judged:
+    """Return what is found in the images of a sequence, and how far it is from the truth."""
+    began = process_time()
+    source = ImageSequence(drag.images, drag.rate_hz)
+    with open_rectified(source, read_reference_frames(source).frames) as sensor:
+        tracker = RectifiedTracker()
+        for reading in sensor:
+            tracker.add(reading)
+        images = tracker.images
+    ms = 1e3 * (process_time() - began) / len(images)
+    labels = np.array(drag.labels)
+    moved_mm, std_mm = (np.array([getattr(image.motion, part) for image in images]) for part in ("moved_mm", "std_mm"))
+    scale = drag.mm_per_px / rectified_mm_per_px(drag.images.shape[:0:-1])
+    firm = np.isfinite(moved_mm[:, 0]) & (-drag.forces_n[:, 2] > -drag.forces_n[:, 2].min() / 3)
+    error_mm = (moved_mm[firm] * scale - drag.poses[firm, :2]) if firm.any() else np.zeros((1, 2))
+    since = np.abs(error_mm - error_mm[0])[1:] / np.maximum(np.hypot(std_mm[firm][1:], std_mm[firm][:1]), 1e-9)
+    error_mm = error_mm - error_mm.mean(axis=0)
+    return Judged(
+        drag.item,
+        labels[labels != ""],
+        np.array(["" if image.slip.state == "unknown" else str(image.slip.state) for image in images])[labels != ""],
+        float(np.sqrt((error_mm**2).sum(axis=1).mean())),
+        since.max(axis=1),
+        ms,
+    )
+
+
+def class_f1(truth: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Return the F1 of each class; one for a class that is neither there nor found."""
+    return np.array(
+        [
+            2 * ((truth == slip) & (found == slip)).sum() / max((truth == slip).sum() + (found == slip).sum(), 1)
+            if (truth == slip).any() or (found == slip).any()
+            else 1.0
+            for slip in CLASSES
+        ]
+    )
+
+
+def macro_f1(truth: np.ndarray, found: np.ndarray) -> float:
+    """Return the mean F1 of the classes."""
+    return float(class_f1(truth, found).mean())
+
+
+class ImageSequence(FrameSource):
+    """A frame source of images in memory."""
+
+    is_live, name = False, "simulated images"
+
+    def __init__(self, images: np.ndarray, rate_hz: float) -> None:
+        self._images, self._rate_hz, self._next = images, rate_hz, 0
+
+    def open(self) -> None:
+        """Start with the first image."""
+        self._next = 0
+
+    def read(self) -> Frame:
+        """Return the next image; raises `SourceEnded`."""
+        if self._next == len(self._images):
+            raise source_ended(self.name, self._next)
+        self._next += 1
+        image = cv2.cvtColor(self._images[self._next - 1], cv2.COLOR_GRAY2BGR)
+        return Frame(image, round(1e9 * (self._next - 1) / self._rate_hz), self._next - 1)
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Images of one press with a drag, and the truth of each."""
+
+    name: str
+    images: np.ndarray
+    """(n, rows, cols), grey, uint8."""
+    rate_hz: float
+    poses: np.ndarray
+    """x, y and depth of the object in mm, (n, 3)."""
+    forces_n: np.ndarray
+    """(n, 3)."""
+    slipping: np.ndarray
+    """Share of the contact that slips; not a number without contact."""
+    friction: float
+    mm_per_px: float
+
+    item: str = ""
+
+    @property
+    def labels(self) -> list[str]:
+        """The true slip of each image; empty where it is not judged."""
+        moved = np.linalg.norm(np.diff(self.poses[:, :2], axis=0, prepend=self.poses[:1, :2]), axis=1) * self.rate_hz
+        held = np.maximum(-self.forces_n[:, 2] * self.friction, 1e-9)
+        shear = np.linalg.norm(self.forces_n[:, :2], axis=1) / held
+        return [_true_slip(*each) for each in zip(moved, shear, self.slipping, strict=True)]
+
+
+def _true_slip(speed_mm_s: float, shear: float, slipping: float) -> str:
+    if np.isnan(slipping):
+        return ""
+    if slipping >= SLIDES and shear > SLIDES - 0.07:
+        return "gross" if speed_mm_s > 0.05 else ""
+    return "incipient" if slipping > PARTLY and shear > PARTLY else "static"
+
+
+def simulate_drag(number: int, half: int) -> Drag:
+    """Return one sequence of a half, which its number determines."""
+    rng = np.random.default_rng([number, half])
+    size = SIZES[half][number % len(SIZES[half])]
+    item = OBJECTS[half][number % len(OBJECTS[half])]
+    twin = twin_of(rng)
+    rate_hz, speed_mm_s = float(rng.choice([10, 15, 30, 60])), float(np.exp(rng.uniform(0, np.log(30))))
+    depth_mm = rng.uniform(0.25, 0.75)
+    angle, start = rng.uniform(0, 2 * np.pi), rng.uniform(-1.5, 1.5, 2)
+    far_mm = np.exp(rng.uniform(np.log(0.3), np.log(4.0)))
+    poses = drag_path(rng, start, angle, depth_mm, far_mm, speed_mm_s, rate_hz)
+    indenter, last = indenter_from_name(item), None
+    noise, quality, drift = rng.uniform(0.4, 1.5), int(rng.integers(75, 99)), rng.normal(0, 0.004)
+    images, forces, slipping, before = [], [], [], poses[0]
+    for index, pose in enumerate(poses):
+        between = max(int(np.ceil(np.abs(pose - before).max() / MAX_STEP_MM)), 1)
+        for part in range(1, between + 1):
+            x, y, depth = (before + (pose - before) * part / between).tolist()
+            last = twin.press(last, indenter, Pose(x, y, depth, angle))
+        before = pose
+        touches = last.touches
+        forces.append(last.wrench.force_n if touches else np.zeros(3))
+        slipping.append(last.slip_share if touches else np.nan)
+        image = twin.renderer.render_without_noise(last.corrected) if touches else twin.renderer.reference
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * (1 + drift * index / len(poses))
+        noisy = np.clip(small + rng.normal(0, noise, small.shape[:2])[..., None], 0, 255).astype(np.uint8)
+        images.append(noisy)
+    reach = twin.renderer.pixel_map.reach_mm[0]
+    return Drag(
+        f"{item} {size[0]}x{size[1]} {rate_hz:.0f} Hz {speed_mm_s:.1f} mm/s far {far_mm:.1f} μ {twin.friction:.2f}",
+        store_as_video(images, rate_hz)
+        if number % 4 == 3
+        else np.array([store_as_jpeg(one, quality) for one in images]),
+        rate_hz,
+        poses,
+        np.array(forces, float),
+        np.array(slipping, float),
+        twin.friction,
+        2 * reach / size[0],
+        item,
+    )
+
+
+def store_as_jpeg(image: np.ndarray, quality: int) -> np.ndarray:
+    """Return a BGR image in grey as a JPEG file gives it back."""
+    coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE))
+
+
+def store_as_video(images: list[np.ndarray], rate_hz: float) -> np.ndarray:
+    """Return BGR images in grey as an MPEG-4 video gives them back, which compresses far more."""
+    with TemporaryDirectory() as folder:
+        path = str(Path(folder) / "drag.mp4")
+        rows, cols = images[0].shape[:2]
+        video = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"mp4v"), rate_hz, (cols, rows))
+        for image in images:
+            video.write(image)
+        video.release()
+        with VideoFile(path) as source:
+            return np.array([cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) for frame in source])
+
+
+def drag_path(
+    rng: np.random.Generator,
+    start: np.ndarray,
+    angle: float,
+    depth_mm: float,
+    far_mm: float,
+    speed_mm_s: float,
+    rate_hz: float,
+) -> np.ndarray:
+    """Return the positions of a press with a drag, and with a drag back in every third."""
+    along = np.array([np.cos(angle), np.sin(angle)])
+    above, down = np.array([*start, -0.3]), np.array([*start, depth_mm])
+    dragged = down + np.array([*(far_mm * along), 0])
+    stations = [(above, 0.0), (above, max(rng.uniform(0.3, 0.6), 6 / rate_hz)), (down, rng.uniform(0.3, 1.0))]
+    stations += [(down, rng.uniform(0.1, 0.5)), (dragged, max(far_mm / speed_mm_s, 3 / rate_hz))]
+    stations += [(dragged, rng.uniform(0.1, 0.4))]
+    if rng.random() < 1 / 3:
+        back = dragged - np.array([*(1.5 * far_mm * along), 0])
+        stations += [(back, max(1.5 * far_mm / speed_mm_s, 3 / rate_hz))]
+    if rng.random() < 0.5:
+        stations += [(stations[-1][0] - [0, 0, depth_mm + 0.3], 0.4)]
+    ends = np.cumsum([seconds for _, seconds in stations])
+    times = np.arange(0, ends[-1], 1 / rate_hz)
+    places = np.array([place for place, _ in stations])
+    return np.column_stack([np.interp(times, ends, axis) for axis in places.T])
+
+
+def twin_of(rng: np.random.Generator) -> Twin:
+    """Return a sensor that differs from the published one in everything that its images do not tell."""
+    light = {name: spread.sample(rng) for name, spread in FITTED_PARAMETERS.items()}
+    thickness_mm = 2.5 * light.pop("relative_thickness") * rng.uniform(0.8, 1.3)
+    gel = Gel(thickness_mm, rng.uniform(0.03, 0.2), gel_to_base_modulus_ratio=float(rng.choice([0.0, 0.02, 0.04, 0.1])))
+    model = replace(BrightnessModel(), **light, thickness_mm=thickness_mm)
+    view_mm = rng.uniform(20, 28)
+    cols, rows = RENDERED_COLS, RENDERED_COLS * 3 // 4
+    x, y = np.meshgrid(*((np.arange(side) - (side - 1) / 2) * view_mm / cols for side in (cols, rows)))
+    pixel_map = PixelToSkinMap(np.stack([x, y], axis=-1).astype(np.float32))
+    cast = tuple(rng.uniform(0.8, 1.2, 3).tolist())
+    reference = synthetic_reference_image(
+        pixel_map, rng.uniform(110, 180), rng.uniform(0.01, 0.04), cast, int(rng.integers(1000)), rng.uniform(0, 0.3)
+    )
+    renderer = Renderer(pixel_map, reference, model, CameraNoise(shape=(rows, cols)))
+    friction = float(np.exp(rng.uniform(np.log(0.2), np.log(1.2))))
+    return Twin("uncalibrated", gel, renderer, friction, PITCH_MM)
+
+
+if __name__ == "__main__":
+    tyro.cli(slip_without_calibration)

@@ -1,0 +1,142 @@
+"""All that is known of what touches, from image to image: its contacts, the motion of the object, and its slip.
+
+How far the object has moved comes from its shape where that shows it (`ObjectTracker`), otherwise from the centre of a contact that
+is convex, as of balls, and from the edges of others (`ImprintShift`).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray as Array
+
+from ninedtact.quantities import Wrench
+from ninedtact.reading import Reading
+from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_contacts
+from ninedtact.tracking.imprint_shift import ImprintShift
+from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
+from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
+
+_SEEN_STD_MM = 0.06
+"""Standard deviation of a position up to which the object's shape shows its motion along the skin."""
+_CONVEX = 0.93
+"""Share of its convex hull that a contact covers from which its centre is that of the object."""
+_UNLIKELY_MM = 0.6
+"""Difference between the steps by edges and by centres from which edges are mistaken."""
+CENTRE_STD_MM = 0.012
+"""Error of the motion of a contact's centre between images, found on simulated sensors."""
+_LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
+"""Error of loads between images, found on simulated sensors."""
+
+
+@dataclass(frozen=True)
+class TrackedContacts:
+    """What touches in one image."""
+
+    contacts: tuple[ContactPatch, ...]
+    """The contacts, each with the number by which it is followed; the largest first."""
+    motion: ObjectMotion
+    """Motion of the object since it touched first, if all contacts belong to one object."""
+    displacement_mm: Float[Array, "2"]
+    """How far the object has moved along the skin since the stream began, by its shape or by its contacts' centres."""
+    slip: SlipEstimate
+    """Slip of all contacts together; unknown without a force estimator."""
+    slips: tuple[SlipEstimate, ...]
+    """Slip of each contact."""
+
+
+@dataclass
+class ContactTracker:
+    """Follows contacts, object and slip; give it every reading of a stream in turn.
+
+    >>> tracker = ninedtact.tracking.ContactTracker()
+    >>> with ninedtact.open("my_sensor", source="sim") as sensor:
+    ...     states = [tracker.update(reading).slip.state for reading, _ in zip(sensor, range(50))]
+    """
+
+    objects: ObjectTracker = field(default_factory=ObjectTracker)
+    slip: SlipEstimator = field(default_factory=SlipEstimator)
+    _followed: ContactFollower = field(default_factory=ContactFollower, init=False, repr=False)
+    _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
+    """Estimators of single contacts, by their numbers, where there are several."""
+    _moved_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    _imprint: ImprintShift = field(default_factory=ImprintShift, init=False, repr=False)
+    _imprint_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    """Shift of the imprint in the image before."""
+    _last: TrackedContacts | None = field(default=None, init=False, repr=False)
+
+    def update(self, reading: Reading) -> TrackedContacts:
+        """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
+        contacts = () if reading.image_warnings else self._followed.update(find_contacts(reading))
+        motion = self.objects.update(reading)
+        imprint_step_mm = self._imprint_step_mm(reading, contacts)
+        self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
+        slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
+        if not contacts and not reading.image_warnings and not (reading.force is not None and reading.force.touching):
+            slip, self._slips = self.slip.release(), {}
+        elif contacts and reading.wrench is not None:
+            slip = _slip_at(self.slip, reading, self._moved_mm, reading.wrench)
+            slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
+        self._last = TrackedContacts(contacts, motion, self._moved_mm, slip, slips)
+        return self._last
+
+    def _imprint_step_mm(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> Float[Array, "2"]:
+        """Return how far the imprint has moved since the image before."""
+        if not contacts:
+            self._imprint.forget()
+            self._imprint_mm = np.zeros(2)
+            return self._imprint_mm
+        before, self._imprint_mm = self._imprint_mm, self._imprint.update(reading.height)
+        return self._imprint_mm - before
+
+    def _step_mm(
+        self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, imprint_step_mm: Float[Array, "2"]
+    ) -> Float[Array, "2"]:
+        """Return how far the object has moved along the skin since the image before."""
+        if self._last is None:
+            return np.zeros(2)
+        before = self._last.motion
+        if _shows_motion(before) and _shows_motion(motion) and before.path == motion.path:
+            return motion.moved_mm[:2] - before.moved_mm[:2]
+        centres = {contact.number: contact.centre_mm for contact in self._last.contacts}
+        pairs = [(one.area_mm2, one.centre_mm - centres[one.number]) for one in contacts if one.number in centres]
+        if not pairs:
+            return np.zeros(2)
+        areas, steps = zip(*pairs, strict=True)
+        step_mm = np.asarray(np.average(steps, axis=0, weights=areas))
+        has_edges = min(contact.convexity for contact in contacts) < _CONVEX
+        is_alike = (
+            float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
+        )  # edges of one part on those of another
+        return imprint_step_mm if has_edges and is_alike else step_mm
+
+    def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
+        """Return the slip of each of several contacts, by its own share of the load and its own centre."""
+        self._slips = {one.number: self._slips.get(one.number, SlipEstimator()) for one in contacts}
+        return tuple(
+            SlipEstimate()
+            if one.force is None
+            else _slip_at(self._slips[one.number], reading, one.centre_mm, one.force.wrench)
+            for one in contacts
+        )
+
+
+def _shows_motion(motion: ObjectMotion) -> bool:
+    """Return whether the object's shape shows its motion along the skin."""
+    return motion.is_known and bool(motion.std[:2].max() < _SEEN_STD_MM)
+
+
+def _slip_at(
+    estimator: SlipEstimator, reading: Reading, displacement_mm: Float[Array, "2"], wrench: Wrench
+) -> SlipEstimate:
+    """Return the slip of an object at a displacement under a load."""
+    if estimator.time_s is not None and reading.stamp_ns / 1e9 <= estimator.time_s:
+        return SlipEstimate()  # a damaged recording repeats stamps
+    normal_n = -float(wrench.force_n[2])
+    std_n = load_std_n(normal_n)
+    return estimator.update(reading.stamp_ns / 1e9, displacement_mm, CENTRE_STD_MM, wrench.force_n[:2], normal_n, std_n)
+
+
+def load_std_n(normal_n: float) -> float:
+    """Return the error of loads that changes from image to image; that of the gel's stiffness is common to all loads."""
+    return _LOAD_STD_N + _RELATIVE_LOAD_STD * abs(normal_n)

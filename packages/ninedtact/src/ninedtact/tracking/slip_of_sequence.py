@@ -1,0 +1,110 @@
+"""Slip in a sequence of images that is read as a whole, of a sensor of which no error is known.
+
+The noise of displacement and loads shows in their second differences from image to image. Both are then smoothed over as many
+images as the motion allows: as long as smoothing takes no more off than the noise.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy import ndarray as Array
+
+from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
+
+_SMOOTHING_IMAGES = 4.0, 3.0, 2.0, 1.4, 1.0, 0.6
+"""Standard deviations of the smoothing that are tried, the longest first."""
+_MOST_TAKEN_OFF = 1.6
+"""What smoothing may take off, over what it takes off noise."""
+_LEAST_IMAGES = 5
+"""Images of a contact below which nothing is smoothed."""
+_FIRM = 0.3
+"""Part of the greatest normal load from which images count for the noise; light contacts have more."""
+_STD_PER_MEDIAN = 1.4826
+_NOISE_PART = 0.5
+"""Part of the noise that the estimator is told, whose thresholds are those of errors alike in several images."""
+_LEAST_DISPLACEMENT_STD, _LEAST_RELATIVE_LOAD_STD = 0.004, 0.003
+"""Errors that are assumed at least: mm, and over the median normal load."""
+
+
+@dataclass(frozen=True)
+class SlipSample:
+    """The numbers of one image; not numbers where nothing is known."""
+
+    time_s: float
+    displacement: Float[Array, "2"]
+    tangential: Float[Array, "2"]
+    normal: float
+    """Positive under pressure, in the same unit as the tangential load, whatever this is; zero where nothing touches."""
+
+
+def slip_of_sequence(samples: Sequence[SlipSample]) -> list[SlipEstimate]:
+    """Return the slip at every sample, unknown without contact; raises `InputError` for times that do not rise."""
+    values = np.array([[*one.displacement, *one.tangential, one.normal] for one in samples], float).reshape(-1, 5)
+    is_touching = np.isfinite(values).all(axis=1) & (values[:, 4] > 0)
+    if not is_touching.any():
+        return [SlipEstimate() for _ in samples]
+    firm = is_touching & (values[:, 4] > _FIRM * values[is_touching, 4].max())
+    displacement_noise, load_noise = _noise(values[firm, :2]), _noise(values[firm, 2:4])
+    least_load = _LEAST_RELATIVE_LOAD_STD * float(np.median(values[firm, 4]))
+    runs = list(_runs(is_touching))
+    scale = np.maximum([displacement_noise] * 2 + [load_noise] * 2, 1e-9)
+    images, left = _choose_smoothing(values[:, :4] / scale, runs)
+    for run in runs:
+        values[run] = _smooth(values[run], images)
+    displacement_std = max(_NOISE_PART * left * displacement_noise, _LEAST_DISPLACEMENT_STD)
+    load_std = max(_NOISE_PART * left * load_noise, least_load)
+    estimator, found = SlipEstimator(), list[SlipEstimate]()
+    for sample, row, touches in zip(samples, values, is_touching, strict=True):
+        if not touches:
+            found.append(SlipEstimate() if np.isnan(sample.normal) else estimator.release())
+            continue
+        x, y, tangential_x, tangential_y, normal = row.tolist()
+        tangential = np.array([tangential_x, tangential_y])
+        found.append(estimator.update(sample.time_s, np.array([x, y]), displacement_std, tangential, normal, load_std))
+    return found
+
+
+def _noise(values: Float[Array, "n k"]) -> float:
+    """Return the standard deviation of the noise of one value, by second differences, which smooth motions hardly change."""
+    if len(values) < 3:
+        return 0.0
+    return float(np.median(np.abs(np.diff(values, n=2, axis=0)))) * _STD_PER_MEDIAN / float(np.sqrt(6))
+
+
+def _runs(is_touching: Bool[Array, " n"]) -> Iterator[Int[Array, " run"]]:
+    """Yield the indices of every contact."""
+    at = np.flatnonzero(is_touching)
+    yield from np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
+
+
+def _choose_smoothing(scaled: Float[Array, "n k"], runs: list[Int[Array, " run"]]) -> tuple[float, float]:
+    """Return the longest smoothing, in images, that takes off little but noise, and the part of the noise that it leaves.
+
+    scaled: values over their noise.
+    """
+    long = [scaled[run] for run in runs if len(run) >= _LEAST_IMAGES]
+    for images in _SMOOTHING_IMAGES if long else ():
+        weight = _gaussian(images)
+        off_noise = np.sqrt(1 - 2 * weight.max() + (weight**2).sum())
+        taken_off = np.concatenate([one - _smooth(one, images) for one in long])
+        if np.sqrt(np.mean(taken_off**2)) <= _MOST_TAKEN_OFF * off_noise:
+            return images, float(np.sqrt((weight**2).sum()))
+    return 0.0, 1.0
+
+
+def _gaussian(images: float) -> Float[Array, " taps"]:
+    reach = int(np.ceil(3 * images))
+    weight = np.exp(-((np.arange(-reach, reach + 1) / images) ** 2) / 2)
+    return np.asarray(weight / weight.sum())
+
+
+def _smooth(values: Float[Array, "n k"], images: float) -> Float[Array, "n k"]:
+    """Return values smoothed along the first axis; the first and the last are repeated beyond the ends."""
+    if images == 0 or len(values) < _LEAST_IMAGES:
+        return values
+    weight = _gaussian(images)
+    reach = len(weight) // 2
+    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
+    return np.stack([np.convolve(column, weight, mode="valid") for column in padded.T], axis=1)
