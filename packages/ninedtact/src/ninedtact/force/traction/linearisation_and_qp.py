@@ -222,6 +222,8 @@ class LinearisedBrightnessProblem:
     whitener: Whitener
     strain: float
     """Root mean square of the indentation over the gel's thickness, which scales the prior of pressure."""
+    sticking_part: float = 1.0
+    """Part of the shear that keeps the skin in place which friction bears; a contact that slides has none left."""
 
     @cached_property
     def contact_cells(self) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
@@ -241,13 +243,13 @@ class LinearisedBrightnessProblem:
     def sticking_weights(self) -> Float32[Array, "n weights"]:
         """Weights of the shear modes along x and along y that unit pressure on each of these cells brings with it.
 
-        They are the projection of the shear that keeps the skin in place on the modes.
+        They are the projection on the modes of the shear that keeps the skin in place, as far as it does.
         """
         row, col = self.contact_cells
         modes = self.carried_shear.astype(float)
         gram = modes.T @ modes
         gram[np.diag_indices_from(gram)] += max(_MODE_DAMPING * float(gram.max()), 1e-12)
-        projection = np.linalg.solve(gram, modes.T).T.astype(np.float32)
+        projection = self.sticking_part * np.linalg.solve(gram, modes.T).T.astype(np.float32)
         sticking = self.kernels.sticking_shear_of_cells(row, col)
         return np.concatenate([shear[:, row, col] @ projection for shear in sticking], axis=1)
 
