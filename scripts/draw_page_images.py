@@ -31,6 +31,8 @@ from mjpeg_camera import MjpegCamera
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 MOST_BYTES = 150_000
 DESK, WIDE_DESK, PHONE = (1360, 860), (1480, 900), (390, 844)
+TALL_PX = 940
+"""Height of a window that shows all checks of a certificate."""
 PATIENCE_MS = 300_000
 SETTLE_MS = 4000
 """Time for a browser without a graphics card to draw what has arrived."""
@@ -271,7 +273,8 @@ def take_calibration_pages(browser: Browser, folder: Path) -> None:
         desk.tab.get_by_label("replace the sensor").check()
         desk.press("Calibrate again from the images")
         desk.until_shown("Saved in")
-        desk.take("calibration_result_page")
+        desk.tab.set_viewport_size({"width": DESK[0], "height": TALL_PX})
+        desk.take("calibration_result_page", "This sensor is ready to measure.")
         desk.tab.close()
         phone.tab.close()
 
