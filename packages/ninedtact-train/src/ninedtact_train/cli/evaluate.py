@@ -33,7 +33,7 @@ class Evaluate:
     """Data set on which an estimator is evaluated, in place of --predictions."""
     estimator: Annotated[DatasetEvaluationSettings, tyro.conf.arg(name="")] = DatasetEvaluationSettings()
     workers: int = 2
-    """Processes that calibrate simulated sensors and estimate."""
+    """Number of processes; they calibrate simulated sensors and estimate."""
     cluster: ClusterOption = None
     out: Path | None = None
     """Folder for the report: evaluation.html, its figures and evaluation.json."""

@@ -50,9 +50,9 @@ class _MakeForceModel:
     name: str = "moments"
     """Name of the model."""
     design_file: DesignFileOption = None
-    """Design file (TOML) of the sensors that the model is for. By default the published sensor."""
+    """Design file (TOML) with what differs from the published sensor. The model is for such sensors."""
     workers: int = 2
-    """Processes that simulate and calibrate."""
+    """Number of processes; they simulate and calibrate."""
     json: JsonOption = False
 
     def run(self) -> int:

@@ -31,7 +31,7 @@ class SimulateDatasetCommand:
     sessions_per_batch: int = 256
     """Sessions that a GPU advances together; the number is reduced if its memory runs out."""
     design_file: DesignFileOption = None
-    """Design file (TOML) of the sensors; the published design if not given."""
+    """Design file (TOML) with what differs from the published sensor; the sensors are of this design."""
     json: JsonOption = False
 
     def run(self) -> int:

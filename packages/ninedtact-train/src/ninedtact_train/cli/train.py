@@ -61,7 +61,7 @@ class Train:
     licence: str = "MIT"
     """Licence of the model."""
     workers: int = 1
-    """Processes that compute heights from images."""
+    """Number of processes; they compute heights from images."""
     compute: Annotated[ComputeSettings, tyro.conf.arg(name="")] = ComputeSettings()
     json: JsonOption = False
 

@@ -107,7 +107,7 @@ class CalibrateCommand:
     settings: Annotated[CalibrationSettings, tyro.conf.arg(name="")] = CalibrationSettings()
     on_page: Annotated[CalibrationPageOptions, tyro.conf.arg(name="")] = CalibrationPageOptions()
     design_file: DesignFileOption = None
-    """Design file of the sensor (TOML). Its dimensions can also be given one by one, see below."""
+    """Design file (TOML) with what differs from the published sensor. Its dimensions can also be given one by one, see below."""
     design: SensorDesign = SensorDesign()
     json: JsonOption = False
 

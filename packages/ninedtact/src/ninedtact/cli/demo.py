@@ -43,7 +43,7 @@ class Demo:
     sensor: Path | None = None
     """Sensor folder whose twin is shown; without one, the twin of the published design is calibrated and shown."""
     design_file: DesignFileOption = None
-    """Design file (TOML) of a sensor that is not built yet; its twin is calibrated and shown."""
+    """Design file (TOML) with what differs from the published sensor; its twin is calibrated and shown."""
     force: ForceOption = PHYSICS
     out: Path = Path("out/demo")
     """Folder for the sensor folder, and for what is saved from the page."""

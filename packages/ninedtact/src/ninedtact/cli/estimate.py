@@ -52,7 +52,7 @@ class Estimate:
     out: Path | None = None
     """CSV file for the wrenches."""
     json: bool = False
-    """Print the wrenches as one JSON object; errors are null where nothing is estimated."""
+    """Print the result as one JSON object; errors are null where nothing is estimated."""
 
     def run(self) -> int:
         """Estimate every image; return 1 where an image is bad, a video or recording is damaged or a camera lost, after what came

@@ -36,7 +36,7 @@ class ReconstructCommand:
     drawings: bool = True
     """Also draw a colour image and a shaded one."""
     json: bool = False
-    """Print the figures of every image as one JSON object."""
+    """Print the result as one JSON object; it has the figures of every image."""
 
     def run(self) -> int:
         """Reconstruct every image and write its files; the first bad image ends the command, with 1 after the images before it."""

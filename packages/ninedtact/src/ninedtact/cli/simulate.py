@@ -133,7 +133,7 @@ class _Press:
     sensor: Path | None = None
     """Sensor folder whose twin is pressed; without one, the twin of the published design."""
     design_file: DesignFileOption = None
-    """Design file (TOML) of a sensor that is not built yet; its twin is pressed."""
+    """Design file (TOML) with what differs from the published sensor; its twin is pressed."""
     seed: int = 0
     """Seed of generated objects, and of the reference image where no sensor is given."""
     json: JsonOption = False

@@ -57,7 +57,7 @@ class Track:
     out: Path | None = None
     """CSV file for the path."""
     json: bool = False
-    """Print the path as one JSON object; what is not known is null."""
+    """Print the result as one JSON object; what is not known is null."""
 
     def run(self) -> int:
         """Follow the object through every image and print how far it went; return 1 where a file is damaged or a camera lost, after
