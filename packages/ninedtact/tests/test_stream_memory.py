@@ -40,13 +40,16 @@ def test_noise_and_drift_are_no_flicker() -> None:
 
 
 def test_noise_over_the_view_is_learnt_and_a_light_contact_is_not() -> None:
-    waves = SKIN * (1 + 0.004 * np.sin(DOWN / 15) * np.sin(ACROSS / 15))
+    waves, *others = (SKIN * (1 + 0.004 * np.sin(DOWN / 15 + at) * np.sin(ACROSS / 15)) for at in range(12))
     dent = SKIN * (1 - 0.004 * np.exp(-((DOWN - 170) ** 2 + (ACROSS - 230) ** 2) / 800))
     assert measure_smooth_noise(reading_of(waves)) > 8e-4
     assert measure_smooth_noise(reading_of(dent)) < 2e-4
     learner = StreamLearner()
     for second in range(12):
         learner.learn_noise(reading_of(waves, second))
+    assert learner.memory.learnt_s == 0, "a codec that repeats an image says nothing of the next one"
+    for second, image in enumerate(others, 12):
+        learner.learn_noise(reading_of(image, second))
     assert learner.memory.learnt_s == pytest.approx(11)
     threshold = ContactThreshold()
     learnt = replace(reading_of(SKIN), stream=learner.memory)

@@ -44,6 +44,7 @@ class StreamLearner:
     memory: StreamMemory = StreamMemory()
     _noise_ns: int | None = field(default=None, init=False)
     """Stamp of the last image without contact."""
+    _noise_of_last: float = field(default=-1.0, init=False)
     _levels: deque[tuple[int, float]] = field(default_factory=deque, init=False, repr=False)
     """Stamps and levels of the light of the last seconds."""
     _fitted_ns: int | None = field(default=None, init=False)
@@ -51,10 +52,13 @@ class StreamLearner:
     def learn_noise(self, reading: Reading) -> None:
         """Learn from an image without contact."""
         gap_s = 0.0 if self._noise_ns is None else max(reading.stamp_ns - self._noise_ns, 0) / _NS_PER_S
+        noise = measure_smooth_noise(reading)
+        if noise == self._noise_of_last:
+            return  # video codecs repeat an image as long as it changes little, which says nothing of the next one
         faded = self.memory.noise * np.exp(-gap_s / _FADING_S)
-        noise = max(measure_smooth_noise(reading), float(faded))
-        self.memory = replace(self.memory, noise=noise, learnt_s=self.memory.learnt_s + min(gap_s, 1.0))
-        self._noise_ns = reading.stamp_ns
+        learnt_s = self.memory.learnt_s + min(gap_s, 1.0)
+        self.memory = replace(self.memory, noise=max(noise, float(faded)), learnt_s=learnt_s)
+        self._noise_ns, self._noise_of_last = reading.stamp_ns, noise
 
     def learn_light(self, reading: Reading) -> None:
         """Learn from any image how its light flickers."""

@@ -22,6 +22,7 @@ from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import (
     ContactRegionSettings,
     correlated_noise_limit,
+    detect_contact,
     find_contact_region,
     pressure_reaches_unseen,
 )
@@ -106,6 +107,10 @@ class TractionForce(ForceEstimator):
 
     def _find_region(self, reading: Reading, observation: ObservationOnCells) -> Float32[Array, "rows cols"] | None:
         """Return where pressure may act, None where nothing touches."""
+        threshold = self.contact_region.threshold
+        # The noise of a stream was learnt on the cells of the detection; compression makes more of it on smaller ones.
+        if reading.stream.learnt_s >= threshold.learnt_after_s and not detect_contact(reading, threshold):
+            return None
         return find_contact_region(
             observation.change,
             observation.z_mm,
@@ -113,7 +118,7 @@ class TractionForce(ForceEstimator):
             observation.noise,
             MARGIN_CELLS,
             self.contact_region,
-            correlated_noise_limit(reading, self.contact_region.threshold),
+            correlated_noise_limit(reading, threshold),
         )
 
     def _to_estimate(
