@@ -37,9 +37,10 @@ CORE := packages/ninedtact
 	$(INSTALL) --group docs
 	touch $@
 
-# The tests of a file run on one worker, so that what they share is made once; conftest.py says which files begin. One of them is
+# Three workers keep two cores busy, because many tests wait for a browser, a camera or another process. The tests of a file run on
+# one worker, so that what they share is made once; conftest.py says which files begin. One of them is
 # tests/test_types.py, which does what `make types` does.
-PYTEST := .venv/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+PYTEST := .venv/bin/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 test: .venv/ready lint
 	$(PYTEST)
 

@@ -31,7 +31,7 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.twin import Press, Twin
 from ninedtact.tracking import ContactTracker, SlipEstimator, SlipState, TrackedContacts, find_contacts
-from ninedtact.tracking.contact_tracker import CENTRE_STD_MM, load_std_n
+from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
 
 SENSORS = "sensor_a", "sensor_i"
 OBJECTS = (
@@ -220,7 +220,7 @@ def alarms_in_hold(rows: np.ndarray, moving: int, seconds: float, seed: int) -> 
         after_s = max(number - moving, 0) / HZ
         crept = 1 - CREEP * np.log1p(after_s / 10) / np.log1p(360)
         row = row + (crept - 1) * np.concatenate([np.zeros(2), level[2:]])
-        found = estimator.update(number / HZ, row[:2], CENTRE_STD_MM, row[2:4], -row[4], load_std_n(row[4]))
+        found = estimator.update(number / HZ, row[:2], CONTACT_CENTRE_STD_MM, row[2:4], -row[4], load_std_n(row[4]))
         alarms += found.state == SlipState.GROSS and not was_gross and number > moving + SETTLING
         was_gross = found.state == SlipState.GROSS
     return alarms

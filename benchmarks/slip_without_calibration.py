@@ -99,7 +99,7 @@ def judge(drag: "Drag") -> Judged:
         tracker = RectifiedTracker()
         for reading in sensor:
             tracker.add(reading)
-        images = tracker.images
+        images = tracker.finish()
     ms = 1e3 * (process_time() - began) / len(images)
     labels = np.array(drag.labels)
     moved_mm, std_mm = (np.array([getattr(image.motion, part) for image in images]) for part in ("moved_mm", "std_mm"))

@@ -167,7 +167,8 @@ def open_rectified(
 
 
 def _with_learnt_threshold(estimator: TractionForce, sensor: Sensor, references: Sequence[Frame]) -> TractionForce:
-    """Return the estimator with the lowest threshold of contact at which nothing touches in any reference image."""
+    """Return the estimator with the lowest threshold of contact at which nothing touches in any reference image, or the highest
+    that is tried."""
     reader = sensor.references.in_use
     assert reader is not None
     readings = [read_frame(frame, sensor.shape, reader, stream=sensor.references.memory) for frame in references]
@@ -177,7 +178,7 @@ def _with_learnt_threshold(estimator: TractionForce, sensor: Sensor, references:
         if not any(found.estimate(reading).touching for reading in readings):
             return found
         threshold = replace(threshold, learnt_noises=_RAISE * threshold.learnt_noises)
-    return estimator
+    return replace(estimator, contact_region=ContactRegionSettings(threshold))
 
 
 def _with_noise(shape: CalibratedShape, references: Sequence[Frame]) -> CalibratedShape:
@@ -207,7 +208,7 @@ class TrackedImage:
 
 @dataclass
 class RectifiedTracker:
-    """Follows the object through a whole sequence: give it every reading in turn, then ask for the images."""
+    """Follows the object through a whole sequence: give it every reading in turn, then call `finish`."""
 
     rate_hz: float | None = None
     """Images per second; None takes the stamps of the readings."""
@@ -236,9 +237,8 @@ class RectifiedTracker:
         self._sample_of_image.append(len(self._samples) - 1)
         self._last = reading
 
-    @property
-    def images(self) -> list[TrackedImage]:
-        """What every image shows, its slip by all of them."""
+    def finish(self) -> list[TrackedImage]:
+        """Return what every image shows; its slip is judged by all of them."""
         slips = slip_of_sequence(self._samples)
         pairs = zip(self._images, self._sample_of_image, strict=True)
         return [TrackedImage(*image, slips[number]) for image, number in pairs]

@@ -30,10 +30,10 @@ _LOG = logging.getLogger(__name__)
 _NS_PER_S = 1e9
 _EVERY_ROWS = 24
 _LOGGED_STEP = 0.01
-_EVEN_NOISES = 2.5
-"""Darkening in noises of the image itself up to which it is noise, such as that of a video that is compressed anew: an image of such a
-noise alone had up to 2.9, those of contacts of 0.1 N have 4 and more."""
 """Change of the mean brightness after which a line is logged."""
+_EVEN_NOISES = 2.5
+"""Darkening in noises of the image itself up to which it is noise, such as that of a video that is compressed anew. Contacts of
+0.1 N have four and more."""
 
 
 @dataclass(frozen=True)

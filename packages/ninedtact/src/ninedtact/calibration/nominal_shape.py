@@ -68,10 +68,10 @@ def find_view(reference: Float32[Array, "raw_rows raw_cols"]) -> tuple[View, Lit
     sides = view.cols, view.rows
     if view.cols < _SMALLEST_COLS or view.rows < _SMALLEST_ROWS or max(sides) > _LARGEST_ASPECT * min(sides):
         raise InputError(
-            expected=f"rectified images of {_SMALLEST_COLS}x{_SMALLEST_ROWS} pixels or more without black borders, at most three "
-            "times as wide as high",
+            expected=f"rectified images of {_SMALLEST_COLS}x{_SMALLEST_ROWS} pixels or more, with an aspect ratio of at most "
+            f"{_LARGEST_ASPECT:g} without black borders",
             got=f"{view.cols}x{view.rows}",
-            remedy="give larger ones",
+            remedy="give the images of the whole view",
         )
     return view, np.asarray(lit)
 

@@ -70,10 +70,15 @@ class Track:
         require_place_for_file(self.out)
         if self.rectified:
             return self._run_rectified()
-        if (self.mm_per_px, self.reference_frames, self.rate_hz) != (None, None, None):
+        of_rectified = {
+            "--mm-per-px": self.mm_per_px,
+            "--reference-frames": self.reference_frames,
+            "--rate-hz": self.rate_hz,
+        }
+        for option in (name for name, value in of_rectified.items() if value is not None):
             raise InputError(
-                expected="--mm-per-px, --reference-frames and --rate-hz with --rectified",
-                got="one without",
+                expected=f"{option} with --rectified",
+                got="it without",
                 remedy="add --rectified, or drop it",
             )
         tracker, rows = ContactTracker(), list[dict[str, Any]]()

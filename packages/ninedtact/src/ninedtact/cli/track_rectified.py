@@ -47,7 +47,7 @@ def track_rectified(
                 tracker.add(reading)
         except (FileFormatError, CameraError) as error:
             damage = error
-    rows = [_row(image) for image in tracker.images]
+    rows = [_row(image) for image in tracker.finish()]
     if damage is not None and not rows:
         raise damage
     return rows, damage

@@ -1,12 +1,12 @@
 """The height of the skin from the thickness of the gel, where the layer below it yields.
 
 Light shows how thick the gel is, not how high its skin lies: height = change of thickness + deflection of the interface below.
-Thickness follows from pressure p and shear q on the skin, wave by wave: t̂ = −(N − Nᵢ) p̂ − i (M − Mᵢ)(e·q̂), and the height of the
-interface is −Nᵢ p̂ − i Mᵢ (e·q̂), with the compliances of `layer_compliance`. Thickness alone tells the interface where shear is
-known from pressure. Two parts of it are:
+A wave of pressure p̂ and shear q̂ on the skin along its direction e changes the thickness by −(N − Nᵢ) p̂ − i (M − Mᵢ)(e·q̂), and
+the height of the interface by −Nᵢ p̂ − i Mᵢ (e·q̂), with the compliances N (normal), M (coupling), L (along) of `layer_compliance`
+and those of the interface. Thickness alone tells the interface where shear follows from pressure. Two components are modelled:
 
 - Friction keeps skin under an object from being pushed outwards. Held everywhere, the skin would bear the shear q̂ = i (M/L) p̂ e; a
-  contact holds the part `HELD_SHARE` of it, since skin outside moves freely.
+  contact holds the part `_HELD_SHARE` of it, since skin outside moves freely.
 - Under a drag, shear is the pressure times one vector. Its wrong value would put pressure outside of the contact; it is the one
   that leaves the least there.
 
@@ -31,9 +31,10 @@ _PITCH_MM = 0.8
 """About the pitch of the grid on which the deflection, which is smooth over a thickness, is computed."""
 _MARGIN_MM = 6.0
 """Width of the skin beyond the field; thicker or thinner gel there is not seen and taken as untouched."""
-HELD_SHARE = 0.45
-"""Found on balls, flat punches, a gear, a letter, a key and a screw on gels of 1.7 to 2.5 mm, with bases 3 to 25 times as stiff
-and friction of 0.3 to 1: without it, flat objects are read too shallow by up to a third of the interface's deflection."""
+_HELD_SHARE = 0.45
+"""Part of the shear of skin that is held everywhere which a contact bears. Found on balls, flat punches, a gear, a letter, a key
+and a screw on gels of 1.7 to 2.5 mm, with bases 3 to 25 times as stiff and friction of 0.3 to 1: without it, flat objects are read
+too shallow by up to a third of the interface's deflection."""
 STIFFENING = 0.6
 """Usual factor on the stiffening: of 0.3 on these objects, and of 0.9 for independent finite elements of a ball on 2.5 mm of gel,
 pressed in to 1.8 mm. A calibration finds that of its own ball."""
@@ -46,6 +47,7 @@ _PRESSURE_BLUR_MM = 0.9
 _SHEAR_STEPS, _SMALL_SHEAR = 4, 0.03
 """Gauss–Newton steps at most, and the change of the shear over the pressure after which they end."""
 _MAX_SHEAR = 1.0
+"""Largest shear over pressure: friction of skin bears little more."""
 
 Field = Float32[Array, "rows cols"]
 _Spectrum = Complex64[Array, "rows half"]
@@ -92,7 +94,8 @@ class BaseDeflection:
         if self.gel.finite_strain:
             height_mm = thickness_change_mm + irfft2(deflection, s=grid.shape)
             stiffening = finite_strain_stiffening(height_mm, thickness_change_mm, self.gel)
-            # The linear gel would be as much thinner as the interface of the stiffer one is deeper.
+            # The linear gel would be as much thinner as the interface of the stiffer one is deeper: two terms of the series of
+            # added · share / (1 − share).
             added = rfft2(self.stiffening * (stiffening - 1) * np.minimum(thickness_change_mm, 0))
             deflection = deflection + share * (added + share * added)
         return np.asarray(irfft2(deflection, s=grid.shape), np.float32)
@@ -157,7 +160,7 @@ def _held_skin_waves(grid: PeriodicGrid, gel: Gel) -> _HeldSkinWaves:
     """Return the responses of a gel, for every wave of a grid."""
     wave_number = np.hypot(*grid.wave_vectors)
     compliance = gel_compliance(wave_number, gel)
-    held = HELD_SHARE * compliance.coupling / compliance.along
+    held = _HELD_SHARE * compliance.coupling / compliance.along
     interface = compliance.interface_normal - held * compliance.interface_coupling
     thinning = compliance.normal - held * compliance.coupling - interface
     coupling = compliance.coupling - compliance.interface_coupling

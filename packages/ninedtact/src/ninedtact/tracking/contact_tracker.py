@@ -23,7 +23,7 @@ _CONVEX = 0.93
 """Share of its convex hull that a contact covers from which its centre is that of the object."""
 _UNLIKELY_MM = 0.6
 """Difference between the steps by edges and by centres from which edges are mistaken."""
-CENTRE_STD_MM = 0.012
+CONTACT_CENTRE_STD_MM = 0.012
 """Error of the motion of a contact's centre between images, found on simulated sensors."""
 _LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
 """Error of loads between images, found on simulated sensors."""
@@ -134,7 +134,9 @@ def _slip_at(
         return SlipEstimate()  # a damaged recording repeats stamps
     normal_n = -float(wrench.force_n[2])
     std_n = load_std_n(normal_n)
-    return estimator.update(reading.stamp_ns / 1e9, displacement_mm, CENTRE_STD_MM, wrench.force_n[:2], normal_n, std_n)
+    return estimator.update(
+        reading.stamp_ns / 1e9, displacement_mm, CONTACT_CENTRE_STD_MM, wrench.force_n[:2], normal_n, std_n
+    )
 
 
 def load_std_n(normal_n: float) -> float:

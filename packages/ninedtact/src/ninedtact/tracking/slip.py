@@ -74,6 +74,7 @@ class SlipState(StrEnum):
     UNKNOWN = "unknown"
     """Nothing touches, or a number is missing."""
     STATIC = "static"
+    """Most of the contact sticks; also until displacement and load have changed by more than their errors."""
     INCIPIENT = "incipient"
     """Less than `INCIPIENT_SHARE` of the contact sticks."""
     GROSS = "gross"

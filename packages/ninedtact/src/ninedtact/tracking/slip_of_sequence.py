@@ -23,7 +23,7 @@ _FIRM = 0.3
 """Part of the greatest normal load from which images count for the noise; light contacts have more."""
 _STD_PER_MEDIAN = 1.4826
 _NOISE_PART = 0.5
-"""Part of the noise that the estimator is told, whose thresholds are those of errors alike in several images."""
+"""Part of the measured noise that is passed to `SlipEstimator`, whose thresholds are made for errors alike in several images."""
 _LEAST_DISPLACEMENT_STD, _LEAST_RELATIVE_LOAD_STD = 0.004, 0.003
 """Errors that are assumed at least: mm, and over the median normal load."""
 

@@ -18,7 +18,7 @@ from ninedtact.tracking.registration import Registration
 
 _DENT = 0.3
 """Part of the greatest depth below which skin is not counted to the dent."""
-_CENTRE_STD_MM = 0.12
+_DENT_CENTRE_STD_MM = 0.12
 """Error of a step of the middle of the dent, on simulated sensors."""
 _LEAST_STD_MM = 0.01
 _RELATIVE_ERROR = 0.1
@@ -57,7 +57,9 @@ class UprightTracker:
         motion, before = self.objects.update(reading), self._motion
         if reading.image_warnings:
             return UprightMotion(TrackState.LOST, str(reading.image_warnings[0]))
-        traction = None if reading.force is None else reading.force.traction
+        if reading.force is None:
+            return UprightMotion(TrackState.LOST, "no force estimate")
+        traction = reading.force.traction
         centre_mm = None if traction is None else dent_centre_mm(traction)
         if centre_mm is None:
             self._centre_mm, self._motion = None, None
@@ -73,7 +75,7 @@ class UprightTracker:
 
     def _add_step(self, centre_step_mm: Float[Array, "2"], before: ObjectMotion | None, motion: ObjectMotion) -> None:
         """Add a step, the mean of both measures by their errors; the error of displacement is not that of steps added up."""
-        weight, step_mm = np.full(2, _CENTRE_STD_MM**-2), centre_step_mm * _CENTRE_STD_MM**-2
+        weight, step_mm = np.full(2, _DENT_CENTRE_STD_MM**-2), centre_step_mm * _DENT_CENTRE_STD_MM**-2
         if before is not None and before.is_known and motion.is_known and before.path == motion.path:
             seen = 1 / np.maximum(motion.std[:2], _LEAST_STD_MM) ** 2
             weight, step_mm = weight + seen, step_mm + seen * (motion.moved_mm - before.moved_mm)[:2]
