@@ -22,7 +22,7 @@ from ninedtact import CalibrationImages, SensorDesign, calibrate
 from ninedtact.calibration.ball.ball_press import find_ball_press, find_second_press
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.certificate.checks import compute_certificate_checks, press_through_gel_warnings
-from ninedtact.calibration.certificate.length_evidence import weigh_lengths
+from ninedtact.calibration.certificate.length_evidence import assess_stated_lengths
 from ninedtact.calibration.fit_tables import make_second_ball_quality
 from ninedtact.calibration.sensor_toml_schema import Certificate
 from ninedtact.calibration.twin.ball_press_fit import fit_twin_to_ball_press
@@ -155,7 +155,9 @@ def fit_once(images: CalibrationImages, design: SensorDesign) -> Certificate:
     )
     warnings = press_through_gel_warnings(twin.press.depth_mm, design.gel)
     return Certificate(
-        second_ball=make_second_ball_quality(twin), lengths=weigh_lengths(board, twin, design), warnings=warnings
+        second_ball=make_second_ball_quality(twin),
+        lengths=assess_stated_lengths(board, twin, design),
+        warnings=warnings,
     )
 
 

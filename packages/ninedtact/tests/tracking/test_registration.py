@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ninedtact.quantities import HeightMap, HeightSource
-from ninedtact.tracking import Registration, RigidMotion, TouchedSurface, touched_surface
+from ninedtact.tracking import Registration, RigidMotion, TouchedSurface, extract_touched_surface
 from ninedtact.tracking.rigid_motion import move_error, turn_error
 
 SHAPE, MM_PER_PX, DISTANCE_MM = (173, 230), 0.1, 20.0
@@ -43,7 +43,7 @@ def seen_height(underside, motion: RigidMotion, noise_mm: float = 0.0, seed: int
 
 
 def surface_of(height: HeightMap, deeper_than_mm: float = 0.03) -> TouchedSurface:
-    found = touched_surface(height, height.z_mm < -deeper_than_mm)
+    found = extract_touched_surface(height, height.z_mm < -deeper_than_mm)
     assert found is not None
     return found
 

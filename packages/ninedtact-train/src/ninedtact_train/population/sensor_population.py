@@ -35,8 +35,8 @@ from ninedtact.simulation.gel_brightness import (
     GlarePatch,
     add_glare,
     sample_clipped_normal,
-    scale_brightness_to_design,
     synthetic_reference_image,
+    transfer_brightness_model,
 )
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap, WideAngleLens
 from ninedtact.simulation.renderer import CameraNoise, Renderer
@@ -66,7 +66,7 @@ def _sample_brightness_model(rng: Random, design: SensorDesign) -> BrightnessMod
         saturation=float(np.exp(rng.uniform(*np.log(_SATURATION)))),
         inverse_distance_per_mm=float(rng.uniform(*_INVERSE_DISTANCE_PER_MM)),
     )
-    return scale_brightness_to_design(published, design)
+    return transfer_brightness_model(published, design)
 
 
 def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationPressSettings:

@@ -24,7 +24,7 @@ from ninedtact.calibration.brightness_change import (
     flat_fielded_brightness_change,
 )
 from ninedtact.calibration.certificate.checks import little_gain_warnings, press_through_gel_warnings
-from ninedtact.calibration.certificate.length_evidence import weigh_lengths
+from ninedtact.calibration.certificate.length_evidence import assess_stated_lengths
 from ninedtact.calibration.diagnosis import find_image_cause, find_probable_cause
 from ninedtact.calibration.fit_tables import (
     make_ball_quality,
@@ -273,7 +273,7 @@ def _make_record(
             noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
             twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
     board_quality = None if board is None else make_board_quality(board, rectify, settings.lens)
-    lengths = weigh_lengths(board, fits.twin, design)
+    lengths = assess_stated_lengths(board, fits.twin, design)
     warnings = _warnings(images, fits, design)
     certificate = Certificate(board_quality, ball_quality, make_second_ball_quality(fits.twin), lengths, warnings)
     is_impossible = fits.ball is not None and bool(press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel))

@@ -108,7 +108,7 @@ class Track:
     def _run_rectified(self) -> int:
         """Follow the object through rectified images."""
         from ninedtact.atomic_write import write_file_atomically
-        from ninedtact.cli.track_rectified import RECTIFIED_COLUMNS, describe_rectified_rows, track_rectified
+        from ninedtact.cli.track_rectified import RECTIFIED_COLUMNS, summarise_rectified_track, track_rectified
 
         for option, value in (("--sensor", self.sensor), ("--force", self.force)):
             if value is not None:
@@ -117,7 +117,7 @@ class Track:
         if self.out is not None:
             write_file_atomically(self.out, _to_csv(rows, RECTIFIED_COLUMNS))
         written = () if self.out is None else (f"wrote {self.out}",)
-        print_result(self.json, {"path": rows}, (*describe_rectified_rows(rows), *written))
+        print_result(self.json, {"path": rows}, (*summarise_rectified_track(rows), *written))
         return _report_damage(damage, len(rows))
 
     def _format(self, rows: list[dict[str, Any]]) -> Iterator[str]:

@@ -53,7 +53,7 @@ def track_rectified(
     return rows, damage
 
 
-def describe_rectified_rows(rows: list[dict[str, Any]]) -> Iterator[str]:
+def summarise_rectified_track(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield what was found, in lines for a person."""
     touching = [row for row in rows if row["touching"]]
     yield f"{len(rows)} {'image' if len(rows) == 1 else 'images'}, {len(touching)} with a contact"

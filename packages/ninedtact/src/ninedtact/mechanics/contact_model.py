@@ -95,7 +95,7 @@ class AlternationState:
 
 
 @dataclass(frozen=True)
-class AlternationResult:
+class AlternatingSolverResult:
     """The state after the last round."""
 
     state: AlternationState
@@ -128,11 +128,11 @@ class AlternatingSolver:
         bulge = operators.bulge_from_shear_mm(shear_mpa)
         return AlternationState(pressed, sheared, bulge, operators.tangential_from_pressure_mm(pressure))
 
-    def solve(self, state: AlternationState) -> AlternationResult:
+    def solve(self, state: AlternationState) -> AlternatingSolverResult:
         """Run rounds until one changes neither pressure nor shear, or until there were as many as the settings allow."""
         return self._run_rounds(state, 0 * self.depth_mm, self.settings.max_rounds)
 
-    def _run_rounds(self, state: AlternationState, iterations: PerContact, left: int) -> AlternationResult:
+    def _run_rounds(self, state: AlternationState, iterations: PerContact, left: int) -> AlternatingSolverResult:
         """Run the rounds that are left. As soon as half of a batch has converged, the other half is solved alone."""
         rounds = repeated(AlternatingSolver._next_state, self, state, self.settings.max_iterations <= ITERATIONS_UNSEEN)
         for count in range(left):
@@ -156,10 +156,10 @@ class AlternatingSolver:
         operators = self.operators.select(indices)
         return AlternatingSolver(operators, constraint, overlap, depth, carried, friction, self.settings)
 
-    def _result(self, state: AlternationState, iterations: PerContact) -> AlternationResult:
+    def _result(self, state: AlternationState, iterations: PerContact) -> AlternatingSolverResult:
         """Return the result after a round."""
         residual = self.operators.xp.maximum(state.pressure.initial_residual_mm, state.shear.initial_residual_mm)
-        return AlternationResult(state, residual, iterations)
+        return AlternatingSolverResult(state, residual, iterations)
 
     def _next_state(self, last: AlternationState) -> AlternationState:
         """Return the state after one round: pressure, then shear. A field within the tolerance is kept unchanged."""

@@ -34,8 +34,8 @@ from ninedtact.recording.topics_and_messages import (
     decode_event,
     decode_height_map,
     decode_image,
+    decode_label_spans,
     decode_labelled_span,
-    decode_labelled_spans,
     decode_pair_label,
     decode_reference_grey,
     decode_wrench,
@@ -317,7 +317,7 @@ class Recording:
         attached = [one for one in self.file.attachments() if one.name == SPANS_ATTACHMENT]
         try:
             if attached:
-                spans = decode_labelled_spans(attached[-1].data)
+                spans = decode_label_spans(attached[-1].data)
             else:
                 paths = [Topic.SPANS.path(metadata.topic_name) for metadata in self.all_metadata]
                 positions = np.concatenate([self.file.positions(path) for path in paths])

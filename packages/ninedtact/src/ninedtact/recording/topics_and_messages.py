@@ -296,7 +296,7 @@ def decode_labelled_span(data: bytes) -> LabelledSpan:
     return _decode_json(Topic.SPANS, data, LabelledSpan)
 
 
-def decode_labelled_spans(text: bytes) -> list[LabelledSpan]:
+def decode_label_spans(text: bytes) -> list[LabelledSpan]:
     """Return the labelled spans of an attachment; raises `ValueError` and `RecursionError`."""
     return msgspec.json.decode(text, type=list[LabelledSpan])
 

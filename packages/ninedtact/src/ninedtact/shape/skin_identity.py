@@ -84,7 +84,7 @@ def structure_similarity(earlier: Field, later: Field) -> float:
     return float(np.median([_pearson_correlation(first, second) for first, second in pairs]))
 
 
-def structure_contrast(earlier: Field, later: Field) -> float:
+def skin_texture_contrast(earlier: Field, later: Field) -> float:
     """Return the contrast of the fine structure of the earlier of two images, the median over its tiles, corrected for noise."""
     second = np.abs(np.diff(later - earlier, n=2, axis=1))
     # 0.6745 and √6 as in `estimate_pixel_noise`; √2 because the difference contains the noise of two images.
@@ -99,7 +99,7 @@ def shows_another_skin(grey: Float32[Array, "rows cols"], reference_grey: Float3
     False also where that cannot be told: the skin is too uniform, or an object covers nearly all of it.
     """
     image, reference = log_brightness(grey), log_brightness(reference_grey)
-    if structure_contrast(reference, image) < _MIN_CONTRAST:
+    if skin_texture_contrast(reference, image) < _MIN_CONTRAST:
         return False
     change = image - reference
     fields = fine_structure(reference), fine_structure(image), np.abs(change - np.median(change))
@@ -279,5 +279,5 @@ def measure_skin_motion(before: BgrImage, after: BgrImage) -> SkinMotion:
         float(found.error[:2].max() * scale),
         float(np.rad2deg(found.error[2] / half_width)),
         found.correlation,
-        structure_contrast(earlier, later),
+        skin_texture_contrast(earlier, later),
     )

@@ -176,10 +176,10 @@ PUBLISHED_DESIGN = SensorDesign()
 
 def brightness_model_for_design(design: SensorDesign) -> BrightnessModel:
     """Return the average brightness model, scaled to a design."""
-    return scale_brightness_to_design(BrightnessModel(), design)
+    return transfer_brightness_model(BrightnessModel(), design)
 
 
-def scale_brightness_to_design(
+def transfer_brightness_model(
     model: BrightnessModel, design: SensorDesign, measured_on: SensorDesign = PUBLISHED_DESIGN
 ) -> BrightnessModel:
     """Scale the brightness model of a sensor of one design to the gel and the camera distance of another."""

@@ -16,7 +16,7 @@ from ninedtact.calibration.certificate.checks import (
     overall_check_level,
     uses_in_words,
 )
-from ninedtact.calibration.save import CERTIFICATE_FILE, kept_calibration_notices
+from ninedtact.calibration.save import CERTIFICATE_FILE, kept_old_calibration_notices
 from ninedtact.calibration.sensor_toml_schema import Certificate
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, CalibrationState
@@ -30,7 +30,7 @@ from ninedtact.studio.guided_page import (
     live_image_quality_rows,
 )
 from ninedtact.studio.page_cards import card_html
-from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
+from ninedtact.studio.page_server import PageServer, draw_with_retry
 from ninedtact.studio.viewer import on_user_change
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball")
@@ -67,7 +67,7 @@ class CalibrationPage:
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
-        draw_unless_interrupted(self._draw)
+        draw_with_retry(self._draw)
 
     def _draw(self) -> None:
         state = self._session.state
@@ -198,7 +198,7 @@ def calibration_result_html(state: CalibrationState, out: Path) -> str:
         )
         for check in compute_certificate_checks(certificate)
     ]
-    warnings = (*kept_calibration_notices(out, state.result), *certificate.warnings)
+    warnings = (*kept_old_calibration_notices(out, state.result), *certificate.warnings)
     return card_html("calibration_result", path=state.result.path, warnings=warnings, checks=checks)
 
 

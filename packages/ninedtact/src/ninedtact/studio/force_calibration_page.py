@@ -26,7 +26,7 @@ from ninedtact.studio.guided_page import (
     live_image_quality_rows,
 )
 from ninedtact.studio.page_cards import card_html
-from ninedtact.studio.page_server import PageServer, draw_unless_interrupted
+from ninedtact.studio.page_server import PageServer, draw_with_retry
 from ninedtact.studio.viewer import ControlFollower, on_user_change
 
 _LEAST_G, _MOST_G = 1.0, 5000.0
@@ -68,7 +68,7 @@ class ForceCalibrationPage:
 
     def refresh(self) -> None:
         """Show the present state of the session in all browsers."""
-        draw_unless_interrupted(self._draw)
+        draw_with_retry(self._draw)
 
     def _draw(self) -> None:
         state = self._session.state

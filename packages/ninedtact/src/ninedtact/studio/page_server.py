@@ -302,7 +302,7 @@ def run_in_browsers(server: PageServer, script: str) -> None:
     server.viser.gui.add_html(f'<img hidden src="data:," onerror="{escape(script)}">')
 
 
-def draw_unless_interrupted(draw: Callable[[], None]) -> None:
+def draw_with_retry(draw: Callable[[], None]) -> None:
     """Draw something, again where viser fails in between.
 
     viser 1.1 wakes the senders to its clients in the thread that changes the page too, which asyncio does not allow: once in many

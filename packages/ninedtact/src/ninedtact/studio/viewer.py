@@ -18,7 +18,7 @@ from viser import ClientHandle, GuiApi, GuiButtonGroupHandle, GuiEvent, GuiTabGr
 from ninedtact.errors import NinedtactError
 from ninedtact.live.sensor_poller import SensorPhase
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
-from ninedtact.studio.page_server import DrawnMoments, draw_unless_interrupted
+from ninedtact.studio.page_server import DrawnMoments, draw_with_retry
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.scene_3d import DARK, LIGHT, GelBlock, SideBySideLayout
@@ -217,7 +217,7 @@ class ViewerPage:
             with self.client.atomic():
                 self._mark.content = f'<i hidden data-moment="{self._name}/{self._moments}"></i>'
                 for panel in self._panels:
-                    draw_unless_interrupted(partial(panel.update, moment))
+                    draw_with_retry(partial(panel.update, moment))
             # viser would wait 17 ms for more, and send nothing where the next moment has begun by then.
             self.client.flush()
 

@@ -12,7 +12,7 @@ from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
 from ninedtact.tracking.slip_of_sequence import SlipSample, slip_of_sequence
-from ninedtact.tracking.touched_surface import TouchedSurface, touched_surface
+from ninedtact.tracking.touched_surface import TouchedSurface, extract_touched_surface
 from ninedtact.tracking.upright_motion import UprightMotion, UprightTracker
 
 __all__ = [
@@ -33,7 +33,7 @@ __all__ = [
     "TrackedContacts",
     "UprightMotion",
     "UprightTracker",
+    "extract_touched_surface",
     "find_contacts",
     "slip_of_sequence",
-    "touched_surface",
 ]

@@ -18,7 +18,7 @@ from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
 from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import Covariance, RigidMotion, move_error, turn_error
-from ninedtact.tracking.touched_surface import TouchedSurface, touched_surface
+from ninedtact.tracking.touched_surface import TouchedSurface, extract_touched_surface
 
 _MIN_OVERLAP, _KEY_FRAME_OVERLAP = 0.35, 0.6
 """Share of the key frame that must touch in a reading; share below which the reading becomes the next key frame."""
@@ -104,7 +104,7 @@ class ObjectTracker:
         is_free = not reading.contact.any() if reading.force is None else not reading.force.touching
         if is_free:
             return self._lose(TrackState.NO_CONTACT)
-        surface = touched_surface(reading.height, reading.contact)
+        surface = extract_touched_surface(reading.height, reading.contact)
         if surface is None:
             return self._lose(TrackState.LOST, "too little of the object touches")
         unseen = EstimateWarning.PART_UNSEEN in reading.warnings

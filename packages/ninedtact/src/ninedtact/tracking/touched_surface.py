@@ -60,7 +60,7 @@ class TouchedSurface:
         ).astype(float)
 
 
-def touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]) -> TouchedSurface | None:
+def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]) -> TouchedSurface | None:
     """Return the surface of what touches; None where too little of it is measured to compare.
 
     contact: the pixels at which an object holds the skin (`Reading.contact`).

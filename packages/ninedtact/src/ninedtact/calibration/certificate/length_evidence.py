@@ -24,7 +24,7 @@ from ninedtact.simulation.gel_brightness import (
     FITTED_PARAMETERS,
     PUBLISHED_DESIGN,
     BrightnessModel,
-    scale_brightness_to_design,
+    transfer_brightness_model,
 )
 from ninedtact.simulation.twin import lens_for_design
 
@@ -69,7 +69,7 @@ class LengthClue:
         return np.asarray(np.log((usual + unlike) / self.spread + 1e-300))
 
 
-def weigh_lengths(board: BoardFit | None, twin: TwinFit | None, design: SensorDesign) -> LengthQuality | None:
+def assess_stated_lengths(board: BoardFit | None, twin: TwinFit | None, design: SensorDesign) -> LengthQuality | None:
     """Return what the fits of board and ball say of the stated lengths; None where there are none of both."""
     clues = [] if twin is None else ball_clues(twin.light, twin.gel, design)
     if board is not None:
@@ -112,7 +112,7 @@ with wrong lengths. The larger the radius, the shallower is the press that a con
 
 def ball_clues(light: BrightnessModel, gel: Gel, design: SensorDesign) -> list[LengthClue]:
     """Return the clues of light and gel, which are fitted to the ball."""
-    published = scale_brightness_to_design(light, PUBLISHED_DESIGN, measured_on=design)
+    published = transfer_brightness_model(light, PUBLISHED_DESIGN, measured_on=design)
     found = {**vars(published), "relative_thickness": gel.thickness_mm / design.gel.thickness_mm}
     return [
         LengthClue(known.deviation(found[name]) * known.spread, known.spread, *_SENSITIVITIES[name])

@@ -46,8 +46,8 @@ from ninedtact.calibration.twin.press_search import (
     PriorTerms,
     fit_coarsely,
     fit_finely,
-    image_derivative,
     leave_some_gel,
+    residual_derivative,
 )
 from ninedtact.design import BallGauge, Gel, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
@@ -228,7 +228,7 @@ def fit_twin_to_ball_press(
     start[BASE_INDEX] = max(base.modulus_ratio, NEARLY_RIGID)
     problem, vector, jacobian = fit_finely(problem, leave_some_gel(problem, start)[0], held, held=BASE_INDEX)
     coefficients, residual = problem.fit_linear_terms(vector)
-    jacobian[: problem.row_count, BASE_INDEX] = image_derivative(problem, vector, residual, BASE_INDEX)
+    jacobian[: problem.row_count, BASE_INDEX] = residual_derivative(problem, vector, residual, BASE_INDEX)
     base = replace(base, std=float(np.hypot(base.std, model_std * model_error_share(jacobian, problem.rows))))
     if base.std > 0 and base.change_per_ratio is None:
         base = replace(base, change_per_ratio=change_per_modulus_ratio(problem, vector, held, base.std))

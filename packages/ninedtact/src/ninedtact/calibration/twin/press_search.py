@@ -293,11 +293,11 @@ def image_jacobian(
         elif reused_jacobian is not None and parameter.moves_contact:
             columns.append(reused_jacobian[: residual.size, index])
         else:
-            columns.append(image_derivative(problem, vector, residual, index))
+            columns.append(residual_derivative(problem, vector, residual, index))
     return np.column_stack(columns)
 
 
-def image_derivative(
+def residual_derivative(
     problem: JointPressProblem, vector: ParameterVector, residual: Float[Array, " n"], index: int
 ) -> Float[Array, " n"]:
     """Return the derivative of the residual by one parameter; zero on the verge of what the gel allows on both sides, where the
