@@ -1,8 +1,9 @@
 """What a stream without contact teaches: the noise that a contact must exceed, and the flicker of its light.
 
 The noise of one image is that of its smoothed brightness (`measure_smooth_noise`), whatever causes it: compression, bands,
-unsteady light. The largest of the images without contact is remembered, and fades within hours. It begins with the images of the
-reference, each beside their mean. A contact that is too light to be detected is dark in few places and teaches almost nothing.
+unsteady light. The largest of the images without contact is remembered, and fades within hours, with the largest darkening that it
+made. It begins with the images of the reference, each beside their mean. A contact that is too light to be detected is dark in few
+places and teaches almost nothing.
 """
 
 from collections import deque
@@ -13,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.force.contact_detection import measure_smooth_noise
+from ninedtact.force.contact_detection import measure_darkening_and_limit, measure_smooth_noise
 from ninedtact.quantities import Frame
 from ninedtact.reading import Flicker, Reading, StreamMemory, read_frame
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
@@ -55,9 +56,14 @@ class StreamLearner:
         noise = measure_smooth_noise(reading)
         if noise == self._noise_of_last:
             return  # video codecs repeat an image as long as it changes little, which says nothing of the next one
-        faded = self.memory.noise * np.exp(-gap_s / _FADING_S)
-        learnt_s = self.memory.learnt_s + min(gap_s, 1.0)
-        self.memory = replace(self.memory, noise=max(noise, float(faded)), learnt_s=learnt_s)
+        darkening, _ = measure_darkening_and_limit(reading)
+        left = float(np.exp(-gap_s / _FADING_S))
+        self.memory = replace(
+            self.memory,
+            noise=max(noise, left * self.memory.noise),
+            darkening=max(darkening, left * self.memory.darkening),
+            learnt_s=self.memory.learnt_s + min(gap_s, 1.0),
+        )
         self._noise_ns, self._noise_of_last = reading.stamp_ns, noise
 
     def learn_light(self, reading: Reading) -> None:

@@ -36,7 +36,11 @@ class ContactThreshold:
     min_darkening: float = 1e-3
     """Relative darkening below which no contact is detected, because a reference image is no more accurate than that."""
     learnt_noises: float = 3.0
-    """Threshold in noises of the stream (`StreamMemory.noise`)."""
+    """Threshold in noises of the stream (`StreamMemory.noise`) as long as its darkening is not known."""
+    learnt_darkenings: float = 1.4
+    """Threshold in darkenings of the stream (`StreamMemory.darkening`)."""
+    least_and_most_noises: tuple[float, float] = (2.0, 6.0)
+    """The least and the most that this may be, in noises: a contact that is too light to be detected darkens without noise."""
     learnt_after_s: float = 10.0
     """Time from which the noise of the stream is known and replaces the bound from the grey levels."""
 
@@ -111,7 +115,12 @@ def correlated_noise_limit(reading: Reading, threshold: ContactThreshold, signal
     is left falls with the variance of the noise (Widrow and Kollár 2008, docs/references.md). Noise that is alike over two cells,
     as that of blocks of compression, is estimated from them. signal: the relative brightness on cells, where it is known already.
     """
-    learnt = threshold.learnt_noises * reading.stream.noise
+    stream, (least, most) = reading.stream, threshold.least_and_most_noises
+    learnt = threshold.learnt_noises * stream.noise
+    if stream.darkening > 0:
+        learnt = float(
+            np.clip(threshold.learnt_darkenings * stream.darkening, least * stream.noise, most * stream.noise)
+        )
     if reading.stream.learnt_s >= threshold.learnt_after_s:
         return learnt
     level = max(float(reading.reference.grey[::_NOISE_EVERY_ROWS].mean()), 1.0)
