@@ -1,4 +1,4 @@
-"""All that is known of what touches, from image to image: its contacts, the motion of the object, and its slip.
+"""Contacts, motion of the object and slip, followed from image to image.
 
 How far the object has moved comes from its shape where that shows it (`ObjectTracker`), otherwise from the centre of a contact that
 is convex, as of balls, and from the edges of others (`ImprintShift`).
@@ -105,10 +105,9 @@ class ContactTracker:
         areas, steps = zip(*pairs, strict=True)
         step_mm = np.asarray(np.average(steps, axis=0, weights=areas))
         has_edges = min(contact.convexity for contact in contacts) < _CONVEX
-        is_alike = (
-            float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
-        )  # edges of one part on those of another
-        return imprint_step_mm if has_edges and is_alike else step_mm
+        # Edges of one part may be matched with those of another.
+        agrees = float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
+        return imprint_step_mm if has_edges and agrees else step_mm
 
     def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""

@@ -31,7 +31,7 @@ class RigidMotion:
 
     @property
     def inverse(self) -> "RigidMotion":
-        """The motion back."""
+        """The inverse motion."""
         return RigidMotion(self.rotation.T, -self.rotation.T @ self.translation_mm)
 
     @property

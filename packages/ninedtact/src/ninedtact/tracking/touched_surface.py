@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from ninedtact.quantities import HeightMap, HeightSource
 
 RIM_MM = 0.2
-"""Width of the rim that is left out."""
+"""Width of the rim that is left out, because skin there hangs free beside the object."""
 SMOOTHING_MM = 0.1
 """Standard deviation of the smoothing of heights before slopes are taken."""
 _POINT_PITCH_MM = 0.15

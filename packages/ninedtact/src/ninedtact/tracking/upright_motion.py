@@ -29,7 +29,7 @@ _UNSEEN_RAD = 2.0
 
 @dataclass(frozen=True)
 class UprightMotion:
-    """Where an object that does not tilt is, compared with where it touched first."""
+    """Where an object that does not tilt is, compared with where the present contact began."""
 
     state: TrackState
     reason: str = ""
