@@ -218,7 +218,7 @@ _MAX_BULGE_MM = 1.0
 """Largest height that the curve of bulges covers."""
 _STIFFENING_BOUNDS = 0.0, 4.0
 """Range of the factor on the stiffening of the base (`BaseDeflection.stiffening`)."""
-_FLOORS = (0.005, 0.01, 0.03, 0.1)
+_FLOORS = (0.01, 0.03, 0.1)
 """The floors of the deblurring that are tried, from sharp to smooth."""
 _SHARPNESS_COST_MM, _SHARPNESS_COST = 0.003, 0.2
 """Error of the ball's reconstruction that a sharper one may add, and the share that it may add where this is more. A ball is smooth
