@@ -51,14 +51,14 @@ class _Fit:
         """Fit and save the twin, and print the quality of the fit; return 1 where its calibration failed its checks."""
         from ninedtact.calibration.certificate.checks import has_failed_checks
         from ninedtact.calibration.procedure import repeat_calibration
-        from ninedtact.calibration.save import kept_old_calibration_notices, save_sensor
+        from ninedtact.calibration.save import failed_calibration_notices, save_sensor
 
         calibrated = load_sensor_with_notices(self.sensor)
         with sensor_replacement(self.sensor):
             folder = save_sensor(self.sensor, repeat_calibration(calibrated, "physics"))
         twin = folder.record.twin
         assert twin is not None, "the physics method makes a twin"
-        print_notices(kept_old_calibration_notices(self.sensor, folder))
+        print_notices(failed_calibration_notices(self.sensor, folder))
         found = {"sensor": str(folder.path), **msgspec.to_builtins(twin)}
         print_result(self.json, found, self._format_fit(twin, folder.path))
         return 1 if has_failed_checks(folder.record.certificate) else 0

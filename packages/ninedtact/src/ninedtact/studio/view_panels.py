@@ -23,7 +23,7 @@ from ninedtact.studio.reading_view import (
     ReadingView,
     ShownTraction,
     SkinColouring,
-    sensor_tiles,
+    tile_sensor_images,
 )
 from ninedtact.studio.scene_3d import SkinScene
 from ninedtact.studio.viewer import (
@@ -67,7 +67,7 @@ class ImagesPanel:
         first = next(iter(views.values()))
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             if len(views) > 1:
-                bgr = sensor_tiles(views, kind, options.with_outline, options.source)
+                bgr = tile_sensor_images(views, kind, options.with_outline, options.source)
             else:
                 bgr = first.image(kind, options.with_outline, options.source)
             image.image = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
