@@ -10,6 +10,7 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
+from ninedtact.shape.contacts import ContactPatch, find_contacts
 from ninedtact.shape.image_plausibility import find_image_warnings
 from ninedtact.shape.light_change import LightChange
 from ninedtact.shape.surface import ShapeSummary, contact_mask, point_cloud, summarise_shape
@@ -79,9 +80,8 @@ class Reading:
 
     def with_force(self, estimate: WrenchEstimate) -> "Reading":
         """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""
-        reading = copy(
-            self
-        )  # with the cached properties, unlike `dataclasses.replace`; none of them depends on the force
+        reading = copy(self)  # with the cached properties, unlike `dataclasses.replace`
+        reading.__dict__.pop("contacts", None)  # the only one of them that depends on the force
         object.__setattr__(reading, "force", estimate)
         return reading
 
@@ -139,6 +139,16 @@ class Reading:
         `force.touching` is judged by brightness before any depth is known, so that the two may differ for the lightest contacts.
         """
         return contact_mask(self.height)
+
+    @property
+    def is_touching(self) -> bool:
+        """Whether something touches: judged by the estimate where there is one, otherwise by depth."""
+        return bool(self.contact.any()) if self.force is None else self.force.touching
+
+    @cached_property
+    def contacts(self) -> tuple[ContactPatch, ...]:
+        """The connected contacts, the largest first, each with its share of the wrench; empty where nothing touches."""
+        return find_contacts(self.height, self.contact, self.force) if self.is_touching else ()
 
     @property
     def max_indentation_mm(self) -> float:

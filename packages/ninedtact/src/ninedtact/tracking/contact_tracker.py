@@ -12,7 +12,8 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
-from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_contacts
+from ninedtact.shape.contacts import ContactPatch
+from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
@@ -67,12 +68,12 @@ class ContactTracker:
 
     def update(self, reading: Reading) -> TrackedContacts:
         """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
-        contacts = () if reading.image_warnings else self._followed.update(find_contacts(reading))
+        contacts = () if reading.image_warnings else self._followed.update(reading.contacts)
         motion = self.objects.update(reading)
         imprint_step_mm = self._imprint_step_mm(reading, contacts)
         self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
-        if not contacts and not reading.image_warnings and not (reading.force is not None and reading.force.touching):
+        if not reading.is_touching and not reading.image_warnings:
             slip, self._slips = self.slip.release(), {}
         elif contacts and reading.wrench is not None:
             slip = _slip_at(self.slip, reading, self._moved_mm, reading.wrench)
