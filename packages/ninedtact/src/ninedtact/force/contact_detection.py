@@ -139,13 +139,27 @@ def measure_smooth_noise(reading: Reading) -> float:
 
     It is the median over tiles of the largest brightening: a contact that is too light to be detected darkens, and in few tiles.
     """
+    brightening, _ = _largest_changes_of_tiles(reading)
+    return max(float(np.median(brightening)), 0.0)
+
+
+def measure_even_noise(reading: Reading) -> float:
+    """Return the noise after smoothing of an image that may be pressed, as its relative brightness.
+
+    Noise brightens and darkens every tile; bulges beside a contact only brighten, and a contact only darkens.
+    """
+    return max(float(np.median(np.minimum(*_largest_changes_of_tiles(reading)))), 0.0)
+
+
+def _largest_changes_of_tiles(reading: Reading) -> tuple[Float[Array, "down across"], Float[Array, "down across"]]:
+    """Return the largest brightening and the largest darkening of every tile."""
     signal = _brightness_on_cells(reading)
-    brightening = -_smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
-    rows, cols = brightening.shape
+    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    rows, cols = darkening.shape
     down, across = _TILES
-    tiles = brightening[: rows // down * down, : cols // across * across]
+    tiles = darkening[: rows // down * down, : cols // across * across]
     tiles = tiles.reshape(down, rows // down, across, cols // across)
-    return max(float(np.median(tiles.max(axis=(1, 3)))), 0.0)
+    return -tiles.min(axis=(1, 3)), tiles.max(axis=(1, 3))
 
 
 def find_contact_region(

@@ -74,9 +74,12 @@ class ObjectFollower:
     """None while nobody is interested: what was followed before says nothing about later readings."""
     _recent: tuple[FollowedObject, ...] = field(default=(FollowedObject(),), init=False, repr=False)
     _begin_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
-    """What the tracker gave as displacement when the object touched first."""
+    _begin_rad: float = field(default=0.0, init=False, repr=False)
+    """What the tracker gave as displacement and turn when the object touched first."""
     _first_press: Press | None = field(default=None, init=False, repr=False)
     """How the twin was pressed then."""
+    _path: int = field(default=0, init=False, repr=False)
+    """The path of the tracker that is followed; another object begins another one."""
 
     def add(self, reading: Reading) -> None:
         """Follow the object into the next reading; called in the sensor thread."""
@@ -85,7 +88,8 @@ class ObjectFollower:
             return
         self._tracker = self._tracker or ContactTracker()
         found, press = self._tracker.update(reading), self.press_at(reading.stamp_ns)
-        seen = self._extend_seen(found, press)
+        is_another = self._is_another_object(found)
+        seen = self._extend_seen(found, press, None if is_another else self._recent[-1].seen)
         true = None if seen is None or press is None else self._extend_true(press, seen)
         self._recent = (*self._recent[1 - _KEPT :], FollowedObject(reading.stamp_ns, found.slip, seen, true))
 
@@ -94,23 +98,28 @@ class ObjectFollower:
         recent = self._recent
         return next((one for one in recent if one.stamp_ns == stamp_ns), recent[-1])
 
-    def _extend_seen(self, found: TrackedContacts, press: Press | None) -> ObjectPath | None:
+    def _is_another_object(self, found: TrackedContacts) -> bool:
+        """Return whether another object touches than the one whose path is kept."""
+        before, self._path = self._path, found.motion.path if found.motion.is_known else self._path
+        return self._path != before
+
+    def _extend_seen(self, found: TrackedContacts, press: Press | None, before: ObjectPath | None) -> ObjectPath | None:
         if not found.contacts:
             return None
-        motion = found.motion
+        motion, sticking_share = found.motion, found.slip.sticking_share
         is_turn_seen = motion.is_known and bool(motion.std[5] < SEEN_TURN_RAD)
-        turn_rad = motion.motion.yaw_rad if is_turn_seen else np.nan
-        before, turn_std_rad = self._recent[-1].seen, float(motion.std[5])
-        sticking_share = found.slip.sticking_share
+        yaw_rad = motion.motion.yaw_rad if is_turn_seen else np.nan
         if before is None:
-            self._begin_mm, self._first_press = found.displacement_mm, press
+            self._first_press, self._begin_mm, self._begin_rad = press, found.displacement_mm, yaw_rad
             place_mm = motion.position_mm[:2] if motion.is_known else found.contacts[0].centre_mm
-            return ObjectPath(place_mm[None], turn_rad, turn_std_rad, sticking_share)
+            return ObjectPath(place_mm[None], yaw_rad - yaw_rad, float(motion.std[5]), sticking_share)
         place_mm = before.places_mm[0] + found.displacement_mm - self._begin_mm
-        return before.then(place_mm, turn_rad, turn_std_rad, sticking_share)
+        turn_rad = (yaw_rad - self._begin_rad + np.pi) % (2 * np.pi) - np.pi
+        return before.then(place_mm, turn_rad, float(motion.std[5]), sticking_share)
 
     def _extend_true(self, press: Press, seen: ObjectPath) -> ObjectPath | None:
-        first, before, slip_share = self._first_press, self._recent[-1].true, press.slip_share
+        first, slip_share = self._first_press, press.slip_share
+        before = None if len(seen.places_mm) == 1 else self._recent[-1].true
         if first is None or press.indenter is not first.indenter:
             return None
         motion = _pose_of(press).after(_pose_of(first).inverse)
