@@ -7,8 +7,8 @@
 the whole view is shown, with zeros above and below.
 `anytouch` (Feng et al. 2025): the image itself, stretched to 224 x 224 pixels, normalised as ImageNet; one image.
 
-Channels are red, green, blue. The image is that on the skin's grid, and its grey levels are all three: the light of these sensors is
-white.
+Channels are red, green, blue. The image is that on the skin's grid, and its grey levels are all three, because the light of these
+sensors is white.
 """
 
 from typing import Literal, get_args
