@@ -30,7 +30,7 @@ from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.twin import Press, Twin
-from ninedtact.tracking import ContactTracker, SlipEstimator, SlipState, TrackedContacts, find_contacts
+from ninedtact.tracking import ContactTracker, SlipEstimator, SlipState, TrackedContacts
 from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
 
 SENSORS = "sensor_a", "sensor_i"
@@ -247,7 +247,7 @@ def press_fingertips(rig: Rig, presses: int, seed: int) -> Fingertips:
         for part in (0.0, 0.5, 1.0):
             offset_mm = np.array([part * x_mm, part * y_mm])
             last = rig.twin.press(last, indenter, Pose(*(middle_mm + offset_mm).tolist(), depth_mm))
-            found = find_contacts(rig.read(last, images))
+            found = rig.read(last, images).contacts
             images += 1
             if len(found) != len(centres_mm):
                 continue

@@ -22,12 +22,14 @@ from ninedtact.capture.video_file import VideoFile
 from ninedtact.design import Gel, rectified_mm_per_px
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
-from ninedtact.rectified_images import RectifiedTracker, open_rectified, read_reference_frames
+from ninedtact.rectified_images import open_rectified
+from ninedtact.reference_frames import read_reference_frames
 from ninedtact.simulation.gel_brightness import FITTED_PARAMETERS, BrightnessModel, synthetic_reference_image
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import Twin
+from ninedtact.tracking import SequenceTracker
 
 DEVELOP, REPORT = 0, 1
 """The halves: constants were chosen on sequences of the first; figures are of the second."""
@@ -96,7 +98,7 @@ def judge(drag: "Drag") -> Judged:
     began = process_time()
     source = ImageSequence(drag.images, drag.rate_hz)
     with open_rectified(source, read_reference_frames(source).frames) as sensor:
-        tracker = RectifiedTracker()
+        tracker = SequenceTracker()
         for reading in sensor:
             tracker.add(reading)
         images = tracker.finish()

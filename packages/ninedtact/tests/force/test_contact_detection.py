@@ -12,11 +12,16 @@ from ninedtact.force.contact_detection import (
     ContactRegionSettings,
     detect_contact,
     find_contact_region,
+    measure_darkening_and_limit,
+    measure_even_noise,
+    measure_smooth_noise,
     pressure_reaches_unseen,
 )
 from ninedtact.force.traction.estimator import build_traction_force
+from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
+from ninedtact.simulation.objects.catalogue import indenter_from_name
 
 FULL = (345, 460), 0.0522
 
@@ -51,6 +56,20 @@ def test_noise_and_lamps_are_no_touch(shape: tuple[int, int], mm_per_px: float, 
 @pytest.mark.parametrize("lamp", [0.95, 1.06])
 def test_a_dent_of_a_hundredth_is_a_touch(lamp: float) -> None:
     assert all(detect_contact(reading(*FULL, seed, lamp=lamp, dent=0.01)) for seed in range(10))
+
+
+def test_bulges_beside_a_wide_object_that_is_dragged_are_no_noise(physical_sensor: SensorFolder) -> None:
+    """They brighten most of the view, so that a key that was held was taken for noise, and then for the untouched skin."""
+    twin, shape = physical_sensor.twin(), physical_sensor.shape
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(4)))
+    for name in ("key_01", "coin_01"):
+        press = None
+        for drag_mm in (0.0, 0.9):
+            press = twin.press(press, indenter_from_name(name), Pose(drag_mm, 0.2, 0.6, 0.2 * drag_mm))
+        pressed = read_frame(Frame(twin.renderer(press.corrected, 1)), shape, reader)
+        assert measure_darkening_and_limit(pressed)[0] > 3 * measure_even_noise(pressed)
+    noise = reading(*FULL, 1, noise=6.0)
+    assert measure_even_noise(noise) == pytest.approx(measure_smooth_noise(noise), rel=0.3)
 
 
 def test_pins_all_over_the_view_are_a_touch_and_not_noise() -> None:

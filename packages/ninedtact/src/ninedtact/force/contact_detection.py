@@ -19,6 +19,7 @@ from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
+from ninedtact.robust_noise import noise_by_second_differences, robust_std
 from ninedtact.shape.surface import connected_parts_with
 
 View = Float32[Array, "rows cols"]
@@ -82,8 +83,6 @@ _DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
 """Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the error that it leaves."""
 _INTERPOLATED = 1.5
 """Noise of a raw pixel over that of a rectified one, which bilinear interpolation reduces to two thirds on average."""
-_STD_PER_MEDIAN = 1.4826
-"""Standard deviation of Gaussian noise over the median of its magnitude."""
 _FAINT_PRESSURE = 0.05
 """Fraction of the maximum pressure below which pressure at the border of the view is no sign of contact beyond it."""
 _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -140,13 +139,27 @@ def measure_smooth_noise(reading: Reading) -> float:
 
     It is the median over tiles of the largest brightening: a contact that is too light to be detected darkens, and in few tiles.
     """
+    brightening, _ = _largest_changes_of_tiles(reading)
+    return max(float(np.median(brightening)), 0.0)
+
+
+def measure_even_noise(reading: Reading) -> float:
+    """Return the noise after smoothing of an image that may be pressed, as its relative brightness.
+
+    Noise brightens and darkens every tile; bulges beside a contact only brighten, and a contact only darkens.
+    """
+    return max(float(np.median(np.minimum(*_largest_changes_of_tiles(reading)))), 0.0)
+
+
+def _largest_changes_of_tiles(reading: Reading) -> tuple[Float[Array, "down across"], Float[Array, "down across"]]:
+    """Return the largest brightening and the largest darkening of every tile."""
     signal = _brightness_on_cells(reading)
-    brightening = -_smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
-    rows, cols = brightening.shape
+    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    rows, cols = darkening.shape
     down, across = _TILES
-    tiles = brightening[: rows // down * down, : cols // across * across]
+    tiles = darkening[: rows // down * down, : cols // across * across]
     tiles = tiles.reshape(down, rows // down, across, cols // across)
-    return max(float(np.median(tiles.max(axis=(1, 3)))), 0.0)
+    return -tiles.min(axis=(1, 3)), tiles.max(axis=(1, 3))
 
 
 def find_contact_region(
@@ -193,7 +206,7 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
     It is the median deviation of a cell from its smoothed surroundings, which contacts hardly change: they are small, or smooth.
     """
     smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
-    return float(np.median(np.abs(field - smooth))) * _STD_PER_MEDIAN / _SMOOTHING_RESIDUE
+    return float(robust_std(field - smooth)) / _SMOOTHING_RESIDUE
 
 
 def cell_noise_upper_bound(
@@ -212,7 +225,7 @@ def _estimate_pixel_noise(image: Float32[Array, "rows cols"], reference: Float32
     """Return the standard deviation of a pixel's relative brightness."""
     rows = np.s_[::_NOISE_EVERY_ROWS]
     brightness = image[rows] / np.maximum(reference[rows], np.float32(1))
-    return float(np.median(np.abs(np.diff(brightness, n=2, axis=1)))) * _STD_PER_MEDIAN / float(np.sqrt(6))
+    return noise_by_second_differences(brightness, axis=1)
 
 
 def _brightness_on_cells(reading: Reading) -> View:

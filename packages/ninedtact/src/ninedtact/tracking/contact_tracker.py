@@ -4,6 +4,7 @@ How far the object has moved comes from its shape where that shows it (`ObjectTr
 is convex, as of balls, and from the edges of others (`ImprintShift`).
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
-from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_contacts
+from ninedtact.shape.contacts import ContactPatch
+from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
@@ -31,8 +33,9 @@ _LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
 
 @dataclass(frozen=True)
 class TrackedContacts:
-    """What touches in one image."""
+    """What touches in one reading."""
 
+    reading: Reading
     contacts: tuple[ContactPatch, ...]
     """The contacts, each with the number by which it is followed; the largest first."""
     motion: ObjectMotion
@@ -47,11 +50,11 @@ class TrackedContacts:
 
 @dataclass
 class ContactTracker:
-    """Follows contacts, object and slip; give it every reading of a stream in turn.
+    """Follows contacts, object and slip through the readings of a sensor.
 
     >>> tracker = ninedtact.tracking.ContactTracker()
     >>> with ninedtact.open("my_sensor", source="sim") as sensor:
-    ...     states = [tracker.update(reading).slip.state for reading, _ in zip(sensor, range(50))]
+    ...     states = [found.slip.state for found, _ in zip(tracker.follow(sensor), range(50))]
     """
 
     objects: ObjectTracker = field(default_factory=ObjectTracker)
@@ -65,19 +68,23 @@ class ContactTracker:
     """Shift of the imprint in the image before."""
     _last: TrackedContacts | None = field(default=None, init=False, repr=False)
 
+    def follow(self, readings: Iterable[Reading]) -> Iterator[TrackedContacts]:
+        """Yield what touches in every reading of a stream, such as an open sensor."""
+        return map(self.update, readings)
+
     def update(self, reading: Reading) -> TrackedContacts:
         """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
-        contacts = () if reading.image_warnings else self._followed.update(find_contacts(reading))
+        contacts = () if reading.image_warnings else self._followed.update(reading.contacts)
         motion = self.objects.update(reading)
         imprint_step_mm = self._imprint_step_mm(reading, contacts)
         self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
-        if not contacts and not reading.image_warnings and not (reading.force is not None and reading.force.touching):
+        if not reading.is_touching and not reading.image_warnings:
             slip, self._slips = self.slip.release(), {}
         elif contacts and reading.wrench is not None:
             slip = _slip_at(self.slip, reading, self._moved_mm, reading.wrench)
             slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
-        self._last = TrackedContacts(contacts, motion, self._moved_mm, slip, slips)
+        self._last = TrackedContacts(reading, contacts, motion, self._moved_mm, slip, slips)
         return self._last
 
     def _imprint_step_mm(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> Float[Array, "2"]:
