@@ -39,8 +39,8 @@ class CellNoise:
 
     @property
     def is_known(self) -> bool:
-        """Whether the images were enough, and their noise is new in each of them. A codec that carries its error from image to image
-        shows one error for seconds, and then another."""
+        """Whether the images were enough, and their noise is new in each. A codec that carries its error from image to image shows
+        one error for seconds, and then another."""
         return self.images >= _ENOUGH_IMAGES and self.step_square >= float(self.mean_square.mean())
 
     @cached_property
