@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from time import perf_counter
 
+import cv2
+import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 from numpy import ndarray as Array
 
@@ -27,6 +29,32 @@ class Flicker:
     """Period as the images show it; a lamp that is faster than half of the frame rate appears slower than it is."""
 
 
+@dataclass(frozen=True, eq=False)
+class CellNoise:
+    """The noise of a stream on every cell of the contact detection, learnt from images without contact."""
+
+    mean_square: Float32[Array, "cell_rows cell_cols"]
+    """Mean square of the relative darkening of a cell."""
+    step_square: float
+    """Mean square of its change from image to image, of all cells."""
+    images: int
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the images were enough, and their noise is new in each. A codec that carries its error from image to image shows
+        one error for seconds, and then another."""
+        return self.images >= _ENOUGH_IMAGES and self.step_square >= float(self.mean_square.mean())
+
+    @cached_property
+    def std(self) -> Float32[Array, "cell_rows cell_cols"]:
+        """Standard deviation of every cell. As it rests on few images, that of all cells is added to its own."""
+        return np.sqrt(self.mean_square + self.mean_square.mean())
+
+
+_ENOUGH_IMAGES = 30
+_CELL_MM = 0.53
+
+
 @dataclass(frozen=True)
 class StreamMemory:
     """What earlier images of a stream without contact told, which decides with the image itself whether something touches.
@@ -36,11 +64,13 @@ class StreamMemory:
 
     noise: float = 0.0
     """Largest noise of images without contact, after smoothing over a millimetre, relative to the brightness."""
-    darkening: float = 0.0
-    """Largest darkening of images without contact, smoothed and relative alike; zero where none was looked at."""
     learnt_s: float = 0.0
     """Time over which the noise was learnt."""
     flicker: Flicker | None = None
+    cell_noise: CellNoise | None = None
+    """Noise of every cell; None where it was not learnt."""
+    last_darkenings: tuple[Float32[Array, "cell_rows cell_cols"], ...] = field(default=(), compare=False)
+    """Darkening of every cell (`measure_darkening_on_cells`) in the last images in which contact was looked for."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +151,16 @@ class Reading:
         if flicker is None:
             return self.light.sentences
         return (*self.light.sentences, f"flicker of ±{flicker.amplitude:.1%} with a period of {flicker.period_s:.2f} s")
+
+    @cached_property
+    def brightness_on_cells(self) -> Float32[Array, "cell_rows cell_cols"]:
+        """The brightness relative to the reference image, on square cells of about half a millimetre, for the contact detection."""
+        shape = self.rectified.grey.shape
+        rows, cols = (max(round(side * self.rectified.mm_per_px / _CELL_MM), 1) for side in shape)
+        image, reference = (
+            cv2.resize(one.grey, (cols, rows), interpolation=cv2.INTER_AREA) for one in (self.rectified, self.reference)
+        )
+        return np.asarray(image / np.maximum(reference, np.float32(1)))
 
     @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:

@@ -24,6 +24,7 @@ from ninedtact.force.contact_detection import (
     correlated_noise_limit,
     detect_contact,
     find_contact_region,
+    find_faint_contact,
     pressure_reaches_unseen,
 )
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
@@ -120,6 +121,7 @@ class TractionForce(ForceEstimator):
             MARGIN_CELLS,
             self.contact_region,
             correlated_noise_limit(reading, threshold),
+            find_faint_contact(reading, threshold),
         )
 
     def _to_estimate(
