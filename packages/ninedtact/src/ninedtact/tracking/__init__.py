@@ -10,8 +10,9 @@ from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_cont
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker, TrackState
 from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
+from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
-from ninedtact.tracking.slip_of_sequence import SlipSample, slip_of_sequence
+from ninedtact.tracking.slip_of_sequence import slip_of_sequence
 from ninedtact.tracking.touched_surface import TouchedSurface, extract_touched_surface
 from ninedtact.tracking.upright_motion import UprightMotion, UprightTracker
 
