@@ -29,6 +29,10 @@ _MOVING_STDS, _STOPPED_STDS = 4.0, 1.6
 """Standard deviations by which slip must change to be a motion; and by which half of a slip that went on would be missed."""
 _LEAST_SLID_STDS = 5.0
 """Standard deviations of displacement that must have slid before friction is stated."""
+_RATIOS = np.geomspace(0.01, 10.0, 700)
+"""Ratios of tangential and normal load that are told apart, 1 % from each other."""
+_COEFFICIENT_QUANTILE, _UPPER_QUANTILE = 0.75, 0.95
+"""Quantiles of the ratio while it slides: the coefficient, and what is a standard deviation above it for a normal distribution."""
 _FRICTION_ERROR = 0.1
 """Relative error of friction that does not fall with the length of the slide."""
 
@@ -124,7 +128,7 @@ class SlipEstimator:
             self._start = sample
         if self._springs is None:
             self._start = later_start(self._start, sample)
-            self._springs = springs_if_seen(self._start, sample, self._friction.mean)
+            self._springs = springs_if_seen(self._start, sample, self._friction.coefficient)
         elif self._history:
             self._springs.load(sample, sample.time_s - self._history[-1].time_s)
         self._remember(sample)
@@ -165,7 +169,7 @@ class SlipEstimator:
             float((springs.weight * share).sum()),
             velocity / speed if is_gross else np.full(2, np.nan),
             speed if is_gross else 0.0,
-            self._friction.mean,
+            self._friction.coefficient,
             self._friction.std,
             sample.time_s if began else self._last.onset_s,
         )
@@ -193,33 +197,36 @@ def _slip_velocity(history: Sequence[SlipSample], stiffness: float) -> Float[Arr
 
 @dataclass
 class _SlidingFriction:
-    """The ratio of loads, averaged over the distance that slid and the load under which it did."""
+    """The ratios of loads, each weighted by the distance that slid and the load under which it did.
+
+    Before everything slides, and under light loads, the ratio is read too low, and never much too high: its upper quartile is the
+    coefficient.
+    """
 
     distance: float = 0.0
-    weight: float = 0.0
-    ratio: float = 0.0
-    squared_ratio: float = 0.0
+    weight: Float[Array, " ratios"] = field(default_factory=lambda: np.zeros(len(_RATIOS)))
     is_known: bool = False
 
     def add(self, before: SlipSample, now: SlipSample, speed: float) -> None:
-        """Average over another image in which everything slides."""
+        """Add another image in which everything slides."""
         ratio, step = float(np.linalg.norm(now.tangential)) / now.normal, speed * (now.time_s - before.time_s)
-        weight = step * now.normal
         self.distance += step
-        self.weight += weight
-        self.ratio += weight * ratio
-        self.squared_ratio += weight * ratio**2
+        self.weight[min(int(np.searchsorted(_RATIOS, ratio)), len(_RATIOS) - 1)] += step * now.normal
         self.is_known = self.is_known or self.distance > _LEAST_SLID_STDS * now.displacement_std
 
+    def _quantile(self, part: float) -> float:
+        below = np.cumsum(self.weight)
+        return float(_RATIOS[np.searchsorted(below, part * below[-1])])
+
     @property
-    def mean(self) -> float:
+    def coefficient(self) -> float:
         """Friction coefficient; not a number until something slid."""
-        return self.ratio / self.weight if self.is_known else float("nan")
+        return self._quantile(_COEFFICIENT_QUANTILE) if self.is_known else float("nan")
 
     @property
     def std(self) -> float:
-        """Standard deviation of the error of the mean."""
+        """Standard deviation of the coefficient's error."""
         if not self.is_known:
             return float("nan")
-        variance = max(self.squared_ratio / self.weight - self.mean**2, 0.0)
-        return float(np.sqrt(variance + (_FRICTION_ERROR * self.mean) ** 2))
+        spread = self._quantile(_UPPER_QUANTILE) - self.coefficient
+        return float(np.hypot(spread, _FRICTION_ERROR * self.coefficient))
