@@ -130,6 +130,8 @@ class _Press:
     """Twist about z during the drag."""
     tilt_deg: Pair = (0.0, 0.0)
     """Tilts of the object about x and y, from the beginning."""
+    hold_s: float = 0.0
+    """Time in s for which the object is then held, while the gel relaxes: the load falls, or under a load the object sinks in."""
     sensor: Path | None = None
     """Sensor folder whose twin is pressed; without one, the twin of the published design."""
     design_file: DesignFileOption = None
@@ -159,7 +161,8 @@ class _Press:
         if self.seed < 0:
             raise InputError(expected="a seed of zero or more", got=f"{self.seed}", remedy="give another")
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
-        return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt)
+        twist = radians(self.twist_deg)
+        return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, twist, tilt, self.hold_s)
 
     @cached_property
     def twin(self) -> "Twin":

@@ -11,8 +11,9 @@ from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker, Track
 from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
 from ninedtact.tracking.sequence_tracker import SequenceTracker, TrackedImage
+from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
-from ninedtact.tracking.slip_of_sequence import SlipSample, slip_of_sequence
+from ninedtact.tracking.slip_of_sequence import slip_of_sequence
 from ninedtact.tracking.touched_surface import TouchedSurface, extract_touched_surface
 from ninedtact.tracking.upright_motion import UprightMotion, UprightTracker
 

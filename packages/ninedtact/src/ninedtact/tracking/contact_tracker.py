@@ -17,6 +17,7 @@ from ninedtact.shape.contacts import ContactPatch
 from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
+from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
 
 _SEEN_STD_MM = 0.06
@@ -139,10 +140,15 @@ def _slip_at(
     if estimator.time_s is not None and reading.stamp_ns / 1e9 <= estimator.time_s:
         return SlipEstimate()  # a damaged recording repeats stamps
     normal_n = -float(wrench.force_n[2])
-    std_n = load_std_n(normal_n)
-    return estimator.update(
-        reading.stamp_ns / 1e9, displacement_mm, CONTACT_CENTRE_STD_MM, wrench.force_n[:2], normal_n, std_n
+    sample = SlipSample(
+        reading.stamp_ns / 1e9,
+        displacement_mm,
+        wrench.force_n[:2],
+        normal_n,
+        CONTACT_CENTRE_STD_MM,
+        load_std_n(normal_n),
     )
+    return estimator.update(sample)
 
 
 def load_std_n(normal_n: float) -> float:

@@ -11,8 +11,9 @@ from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
 from ninedtact.tracking.object_tracker import TrackState
+from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate
-from ninedtact.tracking.slip_of_sequence import SlipSample, slip_of_sequence
+from ninedtact.tracking.slip_of_sequence import slip_of_sequence
 from ninedtact.tracking.upright_motion import UprightMotion, UprightTracker
 
 
