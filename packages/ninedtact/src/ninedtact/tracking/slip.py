@@ -28,8 +28,8 @@ _LONGEST_WINDOW_S = 0.12
 _MOVING_STDS, _STOPPED_STDS = 4.0, 1.6
 """Standard deviations by which slip must change to be a motion; and by which half of a slip that went on would be missed."""
 _JUMP_STEPS = 3
-"""Steps from which slip must be seen in more than the largest: in changing light, the outline of a contact jumps from one image to
-the next."""
+"""Steps from which slip must be seen in more than the largest: in changing light, the outline of a contact jumps from one image
+to the next."""
 _LEAST_SLID_STDS = 5.0
 """Standard deviations of displacement that must have slid before friction is stated."""
 _RATIOS = np.geomspace(0.01, 10.0, 700)
