@@ -175,7 +175,7 @@ class TwinBatch:
         return torch.from_numpy(grey).to(self.device)
 
     def _checked(self, values: Any, shape: tuple[int, ...], what: str) -> Float64[Array, "..."]:
-        """Return numbers of each environment on the processor; raises `InputError` for another shape, or where one is not finite."""
+        """Return numbers of each environment on the processor; raises `InputError` for another shape or what is not finite."""
         import torch
 
         dlpack = hasattr(values, "__dlpack__") and not isinstance(values, torch.Tensor | np.ndarray)
