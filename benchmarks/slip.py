@@ -340,12 +340,25 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
         Figure(f"{name}: friction after 2 mm, mean error", float(np.mean(errors or [0.0]))),
         at_least(f"{name}: 1 to 4 fingertips, number right", tips.right / tips.images, 0.98),
         at_least(f"{name}: skill of F_z of each fingertip", float(skill[2]), 0.85),
+        Figure(
+            f"{name}: load of a ball over the true one, at once and held for 20 min",
+            ", ".join(f"{ratio:.2f}" for ratio in held_load_ratios(sensor)),
+        ),
         Figure(f"{name}: skill of F_x, F_y of each fingertip", f"{skill[0]:.3f}, {skill[1]:.3f}"),
         Figure(
             f"{name}: contacts, motion and slip, ms of processor time",
             1e3 * spent_s / sum(map(len, sequences + turned)),
         ),
     ]
+
+
+def held_load_ratios(sensor: SensorFolder) -> tuple[float, float]:
+    """Return the load that is read of a ball over the true one: at once, and after it was held for 20 minutes."""
+    rig, indenter, pose = Rig(sensor), indenter_from_name("ball:5"), Pose(depth_mm=HELD_DEPTH_MM)
+    press = rig.twin.press(None, indenter, pose)
+    held = rig.twin.press(press, indenter, pose, after_s=float(HELD_S[-1]))
+    read_n = [float(rig.estimator.estimate(rig.read(one, 0)).wrench.force_n[2]) for one in (press, held)]
+    return read_n[0] / float(press.wrench.force_n[2]), read_n[1] / float(held.wrench.force_n[2])
 
 
 def measure_false_alarms(sensor: SensorFolder, quick: bool) -> tuple[float, int]:

@@ -48,6 +48,9 @@ class ContactThreshold:
     faint_stds: float = 3.75
     """Threshold of a faint contact in standard deviations of its cell (`CellNoise`), in three images one after another: 2.8 was the
     most in 1,500 images without contact in motion JPEG, and a contact of 0.1 N has 5 and more."""
+    border_darkening: float = 6e-3
+    """Darkness that is greatest at the border of the view is a contact from here on. Less of it may be light of the LEDs there: two
+    images of an untouched real sensor, taken at other times, differ by 4.7e-3 in its corners."""
 
 
 @dataclass(frozen=True)
@@ -127,9 +130,11 @@ def measure_darkening_and_limit(
     signal = reading.brightness_on_cells
     noise = max(estimate_cell_noise(signal), _MIN_NOISE)
     noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
-    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    in_view = np.ones_like(signal)
+    darkening = _smoothed_darkening(signal, in_view, _SMOOTHING_CELLS)
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
-    return float(darkening.max()), max(float(limit), correlated_noise_limit(reading, threshold))
+    limit = max(float(limit), correlated_noise_limit(reading, threshold))
+    return float(_without_light_at_border(darkening, in_view, limit, threshold).max()), limit
 
 
 def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> float:
@@ -205,6 +210,7 @@ def find_contact_region(
     threshold = settings.threshold
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, settings.smoothing_cells)
     limit = max(limit, least_limit)
+    darkening = _without_light_at_border(darkening, in_view, limit, threshold)
     if darkening.max() <= limit:
         if faint is None:
             return None
@@ -217,6 +223,19 @@ def find_contact_region(
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
     dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
     return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
+
+
+def _without_light_at_border(darkening: View, in_view: View, limit: float, threshold: ContactThreshold) -> View:
+    """Return the darkening, zero in those parts above the limit that are darkest at the border of the view and not dark enough."""
+    if darkening.max() <= limit:
+        return darkening
+    border = (in_view > 0) & (cv2.erode(np.pad(in_view, 2), np.ones((5, 5), np.uint8))[2:-2, 2:-2] == 0)
+    count, parts = cv2.connectedComponents((darkening > limit).astype(np.uint8))
+    for number in range(1, count):
+        part = np.where(parts == number, darkening, 0)
+        if part.max() < threshold.border_darkening and border.flat[part.argmax()]:
+            darkening = np.where(part > 0, np.float32(0), darkening)
+    return darkening
 
 
 def _around(faint: View, shape: tuple[int, ...], margin: int) -> View:

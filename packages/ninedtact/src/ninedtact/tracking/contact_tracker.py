@@ -5,7 +5,7 @@ is convex, as of balls, and from the edges of others (`ImprintShift`).
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,8 @@ from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
 from ninedtact.tracking.sliding_springs import SlipSample
-from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
+from ninedtact.tracking.slip import INCIPIENT_SHARE, SlipEstimate, SlipEstimator, SlipState
+from ninedtact.tracking.turning_slip import TurningSlip, probability_below
 
 _SEEN_STD_MM = 0.06
 """Standard deviation of a position up to which the object's shape shows its motion along the skin."""
@@ -60,6 +61,7 @@ class ContactTracker:
 
     objects: ObjectTracker = field(default_factory=ObjectTracker)
     slip: SlipEstimator = field(default_factory=SlipEstimator)
+    turning: TurningSlip = field(default_factory=TurningSlip)
     _followed: ContactFollower = field(default_factory=ContactFollower, init=False, repr=False)
     _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
     """Estimators of single contacts, by their numbers, where there are several."""
@@ -82,8 +84,11 @@ class ContactTracker:
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
         if not reading.is_touching and not reading.image_warnings:
             slip, self._slips = self.slip.release(), {}
+            self.turning.release()
         elif contacts and reading.wrench is not None:
-            slip = _slip_at(self.slip, reading, self._moved_mm, reading.wrench)
+            slip = self._turn(
+                _slip_at(self.slip, reading, self._moved_mm, reading.wrench), contacts, motion, reading.wrench
+            )
             slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
         self._last = TrackedContacts(reading, contacts, motion, self._moved_mm, slip, slips)
         return self._last
@@ -116,6 +121,23 @@ class ContactTracker:
         # Edges of one part may be matched with those of another.
         agrees = float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
         return imprint_step_mm if has_edges and agrees else step_mm
+
+    def _turn(
+        self, slip: SlipEstimate, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, wrench: Wrench
+    ) -> SlipEstimate:
+        """Return the slip with that of a turn about the normal, which is the slip of all contacts together."""
+        if not motion.is_known or self._last is None or motion.path != self._last.motion.path:
+            self.turning.release()
+        if not motion.is_known or slip.state != SlipState.STATIC:
+            return slip
+        area_mm2, normal_n = sum(contact.area_mm2 for contact in contacts), -float(wrench.force_n[2])
+        yaw_rad, std_rad = motion.motion.yaw_rad, float(motion.std[5])
+        share = self.turning.update(yaw_rad, std_rad, area_mm2, normal_n, slip.friction)
+        if not share < slip.sticking_share:
+            return slip
+        p_incipient = max(probability_below(share, INCIPIENT_SHARE, bool(np.isfinite(slip.friction))), slip.p_incipient)
+        state = SlipState.INCIPIENT if p_incipient > 0.5 else slip.state
+        return replace(slip, state=state, p_incipient=p_incipient, sticking_share=share)
 
     def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""

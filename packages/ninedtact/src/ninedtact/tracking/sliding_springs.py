@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 _FRICTION = np.geomspace(0.05, 3.0, 48)
 """Friction coefficients that are tried."""
-_FRICTION_PRIOR, _FRICTION_PRIOR_WIDTH = 0.5, 0.9
+FRICTION_PRIOR, FRICTION_PRIOR_WIDTH = 0.5, 0.9
 """Median of the friction of things that nothing is known of, and the standard deviation of its logarithm."""
 _STIFFNESS = np.geomspace(0.75, 4.0, 16)
 """Stiffnesses that are tried, over the ratio of load and displacement when both are first seen."""
@@ -32,7 +32,7 @@ _STEADY = 0.1
 """Relative change of the normal load within which the ratio is taken."""
 _MODEL_ERROR = 0.025
 """Error of the predicted tangential load, over the normal load."""
-_KNOWN_FRICTION_WIDTH, _DOUBT = 0.15, 4.0
+KNOWN_FRICTION_WIDTH, _DOUBT = 0.15, 4.0
 """Standard deviation of the logarithm of a known friction, and how unlikely (logarithm) another one is in the next contact."""
 _CORRELATED_IMAGES = 3.0
 """Number of images whose errors are alike."""
@@ -105,7 +105,7 @@ def springs_if_seen(start: SlipSample, now: SlipSample, friction: float) -> "Sli
     if distance < _SEEN_STDS * now.displacement_std or load < _SEEN_STDS * now.load_std:
         return None
     known = np.isfinite(friction)
-    median, width = (friction, _KNOWN_FRICTION_WIDTH) if known else (_FRICTION_PRIOR, _FRICTION_PRIOR_WIDTH)
+    median, width = (friction, KNOWN_FRICTION_WIDTH) if known else (FRICTION_PRIOR, FRICTION_PRIOR_WIDTH)
     log_prior = -0.5 * (np.log(_FRICTION / median) / width) ** 2
     stiffness_log_prior = -0.5 * (np.log(_STIFFNESS / _STIFFNESS_PRIOR) / _STIFFNESS_PRIOR_WIDTH) ** 2
     if known:

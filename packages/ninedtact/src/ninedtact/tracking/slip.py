@@ -28,8 +28,8 @@ _LONGEST_WINDOW_S = 0.12
 _MOVING_STDS, _STOPPED_STDS = 4.0, 1.6
 """Standard deviations by which slip must change to be a motion; and by which half of a slip that went on would be missed."""
 _JUMP_STEPS = 3
-"""Steps from which slip must be seen in more than the largest: in changing light, the outline of a contact jumps from one image to
-the next."""
+"""Steps from which slip must be seen in more than the largest: in changing light, the outline of a contact jumps from one image
+to the next."""
 _LEAST_SLID_STDS = 5.0
 """Standard deviations of displacement that must have slid before friction is stated."""
 _RATIOS = np.geomspace(0.01, 10.0, 700)
@@ -194,12 +194,13 @@ def _slip_velocity(history: Sequence[SlipSample], stiffness: float) -> Float[Arr
         went_on = longer * float(np.linalg.norm(slid[0] - slid[last]))
         if went_on / 2 > max(float(np.linalg.norm(slid[last])), _STOPPED_STDS * (1 + longer) * std):
             return np.zeros(2)
+    is_beyond = np.linalg.norm(slid, axis=1) > _MOVING_STDS * std
     steps = np.diff(places, axis=0)
     if len(steps) >= _JUMP_STEPS:
         largest = int(np.argmax(np.linalg.norm(steps, axis=1)))
-        slid[: largest + 1] -= steps[largest]
-    is_sliding = bool((np.linalg.norm(slid, axis=1) > _MOVING_STDS * std).any())
-    return np.asarray((places[-1] - places[0]) / ago_s[0]) if is_sliding else np.zeros(2)
+        without = slid - np.where(np.arange(len(slid)) <= largest, 1, 0)[:, None] * steps[largest]
+        is_beyond &= np.linalg.norm(without, axis=1) > _MOVING_STDS * std
+    return np.asarray(slid[0] / ago_s[0]) if is_beyond.any() else np.zeros(2)
 
 
 @dataclass

@@ -269,6 +269,15 @@ _MIN_FOREIGN_UNEVENNESS = 0.07
 """Change of the light across the view above which such a skin counts as that of another sensor. It is at most 0.066 where boards
 and objects press their own sensor, and 0.07 to 0.5 between most sensors."""
 
+_MAX_GAMMA_CHANGE, _LEFT_BY_GAMMA = 0.05, 0.006
+"""Change of gamma, and what it may leave of the light: whole grey levels leave 0.001, and a failing LED 0.02."""
+_MIN_GAMMA_EFFECT = 0.0025
+"""Effect of gamma over the view below which it may be the rounding of a gain to whole levels."""
+_MAX_REFERENCE_GAMMA_CHANGE = 0.1
+"""Change of gamma above which an image cannot be a reference image: all darkening, and so all depth, changes by about as much."""
+EXPLAINED_BY_GAMMA: tuple[DriftDiagnosis, ...] = ("something touches the gel", "out of focus", "gamma changed")
+"""Findings that a changed gamma feigns."""
+
 
 @dataclass(frozen=True)
 class DriftFinding:
@@ -292,9 +301,11 @@ class DriftFinding:
 
 
 def find_reference_image_fault(drift: DriftMeasurement) -> DriftFinding | None:
-    """Return why an image cannot be a reference image of the calibrated sensor: blur, another gel, a contact, or a flip."""
+    """Return why an image cannot be a reference image of the calibrated sensor: blur, another gel, a contact, a flip, or gamma."""
     findings = _find_blur(drift), _find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)
-    return next((finding for finding in findings if finding is not None), None)
+    found = next((finding for finding in findings if finding is not None), None)
+    gamma = find_gamma_change(drift, _MAX_REFERENCE_GAMMA_CHANGE)
+    return gamma if gamma is not None and (found is None or found.diagnosis in EXPLAINED_BY_GAMMA) else found
 
 
 def _find_blur(drift: DriftMeasurement) -> DriftFinding | None:
@@ -316,6 +327,21 @@ def _find_blur(drift: DriftMeasurement) -> DriftFinding | None:
         "out of focus",
         evidence,
         "focus the camera as it was, switch its autofocus off and clean lens and window",
+        drift.height_mm,
+    )
+
+
+def find_gamma_change(drift: DriftMeasurement, least: float = _MAX_GAMMA_CHANGE) -> DriftFinding | None:
+    """Return a finding where one gamma explains the change of the brightness over the view."""
+    fit = drift.gamma
+    if fit is None or drift.flipped or not fit.is_certain or abs(fit.gamma - 1) < least:
+        return None
+    if fit.spread > _LEFT_BY_GAMMA or fit.effect < _MIN_GAMMA_EFFECT:
+        return None
+    return DriftFinding(
+        "gamma changed",
+        f"a gamma of {fit.gamma:.2f} ± {fit.error:.2f} explains the change of the light to {fit.spread:.1%}",
+        "set gamma, contrast and brightness of the camera as they were",
         drift.height_mm,
     )
 
