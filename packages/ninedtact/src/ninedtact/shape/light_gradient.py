@@ -83,9 +83,11 @@ def _medians_of_parts(ratio: Cells) -> Float[Array, "3 3"]:
 def _fit_gradient(
     ratio: Cells, skin: Bool[Array, "few_rows few_cols"], terms: int, least: float, most_left: float
 ) -> LightGradient | None:
-    """Fit a gradient to the ratio on this skin, outliers given less weight; None where its amplitude is less than `least`, or where
-    it leaves more than `most_left` of the deviation."""
+    """Fit a gradient to the ratio on this skin, outliers given less weight; None where its amplitude is less than `least`, where
+    this skin does not determine it, or where it leaves more than `most_left` of the deviation."""
     basis = _polynomials(*ratio.shape)[:terms, skin]
+    if np.linalg.matrix_rank(basis @ basis.T) < terms:
+        return None  # too few cells to tell, as in tiny images
     logarithm = np.log(np.maximum(ratio[skin], np.float32(1e-3)))
     weight = np.ones_like(logarithm)
     for _ in range(_ROUNDS):
