@@ -57,6 +57,8 @@ def find_light_gradient(
     ratio: over its median. seen: cells in view. flat_per_cell: slope of the smoothed ratio below which skin counts as flat.
     """
     few, few_seen = ratio[::_EVERY_CELL, ::_EVERY_CELL], seen[::_EVERY_CELL, ::_EVERY_CELL]
+    if min(few.shape) < _PARTS:
+        return None
     medians = _medians_of_parts(few)
     if medians.max() - medians.min() < _MIN_DIFFERENCE:
         return None
@@ -87,7 +89,7 @@ def _fit_gradient(
     this skin does not determine it, or where it leaves more than `most_left` of the deviation."""
     basis = _polynomials(*ratio.shape)[:terms, skin]
     if np.linalg.matrix_rank(basis @ basis.T) < terms:
-        return None  # too few cells to tell, as in tiny images
+        return None
     logarithm = np.log(np.maximum(ratio[skin], np.float32(1e-3)))
     weight = np.ones_like(logarithm)
     for _ in range(_ROUNDS):
