@@ -12,8 +12,10 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
+from ninedtact.shape.contacts import ContactPatch, find_contacts
 from ninedtact.shape.image_plausibility import find_image_warnings
 from ninedtact.shape.light_change import LightChange
+from ninedtact.shape.model_inputs import TactileModel, prepare_model_input
 from ninedtact.shape.surface import ShapeSummary, contact_mask, point_cloud, summarise_shape
 
 
@@ -109,9 +111,8 @@ class Reading:
 
     def with_force(self, estimate: WrenchEstimate) -> "Reading":
         """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""
-        reading = copy(
-            self
-        )  # with the cached properties, unlike `dataclasses.replace`; none of them depends on the force
+        reading = copy(self)  # with the cached properties, unlike `dataclasses.replace`
+        reading.__dict__.pop("contacts", None)  # the only one of them that depends on the force
         object.__setattr__(reading, "force", estimate)
         return reading
 
@@ -181,6 +182,16 @@ class Reading:
         return contact_mask(self.height)
 
     @property
+    def is_touching(self) -> bool:
+        """Whether something touches: judged by the estimate where there is one, otherwise by depth."""
+        return bool(self.contact.any()) if self.force is None else self.force.touching
+
+    @cached_property
+    def contacts(self) -> tuple[ContactPatch, ...]:
+        """The connected contacts, the largest first, each with its share of the wrench; empty where nothing touches."""
+        return find_contacts(self.height, self.contact, self.force) if self.is_touching else ()
+
+    @property
     def max_indentation_mm(self) -> float:
         """Maximum indentation in view, mm; 0 where nothing is indented."""
         return self.summary.max_indentation_mm
@@ -193,6 +204,20 @@ class Reading:
     def points(self) -> PointCloud:
         """Return the surface as points with outward unit normals, mm, in the sensor frame."""
         return point_cloud(self.height)
+
+    def model_input(self, model: TactileModel, earlier: "Reading | None" = None) -> Float32[Array, "..."]:
+        """Return the image as the input of a published tactile model: sparsh, htt or anytouch (`shape.model_inputs`).
+
+        earlier: the other reading of a pair, 83 ms earlier for sparsh and the one before for htt; None takes this one twice.
+        Raises `InputError`.
+
+        >>> with ninedtact.open("my_sensor", source="sim", force="none") as sensor:
+        ...     before, now = sensor.read(), sensor.read()
+        >>> now.model_input("htt", before).shape
+        (2, 3, 224, 224)
+        """
+        other = None if earlier is None else earlier.rectified
+        return prepare_model_input(model, self.rectified, self.reference, other)
 
     def age_ms(self, now_ns: int) -> float:
         """Return the time since the frame arrived, given the present `time.monotonic_ns()`."""

@@ -20,7 +20,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import FrameSource
-from ninedtact.force.contact_detection import find_faint_contact, measure_darkening_and_limit, measure_smooth_noise
+from ninedtact.force.contact_detection import find_faint_contact, measure_darkening_and_limit, measure_even_noise
 from ninedtact.quantities import Frame, Rectified, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading, StreamMemory
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader, FindReferenceFaults
@@ -253,7 +253,7 @@ class ReferenceFollower:
     def _is_touched(self, reading: Reading) -> bool:
         """Return whether something touches, as opposed to the imprint of the last contact."""
         darkening, limit = measure_darkening_and_limit(reading)
-        is_even = darkening <= max(limit, _EVEN_NOISES * measure_smooth_noise(reading))
+        is_even = darkening <= max(limit, _EVEN_NOISES * measure_even_noise(reading))
         if is_even and find_faint_contact(reading) is None:
             self._peak = 0.0
             return False

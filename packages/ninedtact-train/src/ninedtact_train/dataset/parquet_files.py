@@ -27,9 +27,11 @@ from ninedtact_train.dataset.schema import (
     FORMAT_KEY,
     PAIR_COLUMNS,
     REFERENCE_COLUMNS,
+    TRUTH_COLUMNS,
     WRENCH_MEANING,
     Column,
     DatasetRow,
+    MotionTruth,
     ReferenceImage,
 )
 
@@ -48,6 +50,12 @@ _IMAGE_COLUMNS = {column.name for column in (*PAIR_COLUMNS, *REFERENCE_COLUMNS) 
 def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
     """Write a file of pairs; raises `FileNotWritten`."""
     _write_parquet_file(path, map(_column_values, rows), PAIR_COLUMNS)
+
+
+def write_sequence_file(path: Path, images: Iterable[tuple[DatasetRow, MotionTruth]]) -> None:
+    """Write a file of one sequence, pairs with their truth; raises `FileNotWritten`."""
+    rows = ({**_column_values(row), **vars(truth)} for row, truth in images)
+    _write_parquet_file(path, rows, (*PAIR_COLUMNS, *TRUTH_COLUMNS))
 
 
 def write_reference_images_file(path: Path, references: Iterable[ReferenceImage]) -> None:

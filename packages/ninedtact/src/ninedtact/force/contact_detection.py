@@ -21,6 +21,7 @@ from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
+from ninedtact.robust_noise import noise_by_second_differences, robust_std
 from ninedtact.shape.surface import connected_parts_with
 
 View = Float32[Array, "rows cols"]
@@ -47,6 +48,9 @@ class ContactThreshold:
     faint_stds: float = 3.75
     """Threshold of a faint contact in standard deviations of its cell (`CellNoise`), in three images one after another: 2.8 was the
     most in 1,500 images without contact in motion JPEG, and a contact of 0.1 N has 5 and more."""
+    border_darkening: float = 6e-3
+    """Darkness that is greatest at the border of the view is a contact from here on. Less of it may be light of the LEDs there: two
+    images of an untouched real sensor, taken at other times, differ by 4.7e-3 in its corners."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +92,6 @@ _DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
 """Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the error that it leaves."""
 _INTERPOLATED = 1.5
 """Noise of a raw pixel over that of a rectified one, which bilinear interpolation reduces to two thirds on average."""
-_STD_PER_MEDIAN = 1.4826
-"""Standard deviation of Gaussian noise over the median of its magnitude."""
 _FAINT_PRESSURE = 0.05
 """Fraction of the maximum pressure below which pressure at the border of the view is no sign of contact beyond it."""
 _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -128,9 +130,11 @@ def measure_darkening_and_limit(
     signal = reading.brightness_on_cells
     noise = max(estimate_cell_noise(signal), _MIN_NOISE)
     noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
-    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    in_view = np.ones_like(signal)
+    darkening = _smoothed_darkening(signal, in_view, _SMOOTHING_CELLS)
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
-    return float(darkening.max()), max(float(limit), correlated_noise_limit(reading, threshold))
+    limit = max(float(limit), correlated_noise_limit(reading, threshold))
+    return float(_without_light_at_border(darkening, in_view, limit, threshold).max()), limit
 
 
 def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> float:
@@ -161,13 +165,27 @@ def measure_smooth_noise(reading: Reading) -> float:
 
     It is the median over tiles of the largest brightening: a contact that is too light to be detected darkens, and in few tiles.
     """
+    brightening, _ = _largest_changes_of_tiles(reading)
+    return max(float(np.median(brightening)), 0.0)
+
+
+def measure_even_noise(reading: Reading) -> float:
+    """Return the noise after smoothing of an image that may be pressed, as its relative brightness.
+
+    Noise brightens and darkens every tile; bulges beside a contact only brighten, and a contact only darkens.
+    """
+    return max(float(np.median(np.minimum(*_largest_changes_of_tiles(reading)))), 0.0)
+
+
+def _largest_changes_of_tiles(reading: Reading) -> tuple[Float[Array, "down across"], Float[Array, "down across"]]:
+    """Return the largest brightening and the largest darkening of every tile."""
     signal = reading.brightness_on_cells
-    brightening = -_smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
-    rows, cols = brightening.shape
+    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    rows, cols = darkening.shape
     down, across = _TILES
-    tiles = brightening[: rows // down * down, : cols // across * across]
+    tiles = darkening[: rows // down * down, : cols // across * across]
     tiles = tiles.reshape(down, rows // down, across, cols // across)
-    return max(float(np.median(tiles.max(axis=(1, 3)))), 0.0)
+    return -tiles.min(axis=(1, 3)), tiles.max(axis=(1, 3))
 
 
 def find_contact_region(
@@ -192,6 +210,7 @@ def find_contact_region(
     threshold = settings.threshold
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, settings.smoothing_cells)
     limit = max(limit, least_limit)
+    darkening = _without_light_at_border(darkening, in_view, limit, threshold)
     if darkening.max() <= limit:
         if faint is None:
             return None
@@ -204,6 +223,19 @@ def find_contact_region(
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
     dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
     return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
+
+
+def _without_light_at_border(darkening: View, in_view: View, limit: float, threshold: ContactThreshold) -> View:
+    """Return the darkening, zero in those parts above the limit that are darkest at the border of the view and not dark enough."""
+    if darkening.max() <= limit:
+        return darkening
+    border = (in_view > 0) & (cv2.erode(np.pad(in_view, 2), np.ones((5, 5), np.uint8))[2:-2, 2:-2] == 0)
+    count, parts = cv2.connectedComponents((darkening > limit).astype(np.uint8))
+    for number in range(1, count):
+        part = np.where(parts == number, darkening, 0)
+        if part.max() < threshold.border_darkening and border.flat[part.argmax()]:
+            darkening = np.where(part > 0, np.float32(0), darkening)
+    return darkening
 
 
 def _around(faint: View, shape: tuple[int, ...], margin: int) -> View:
@@ -225,7 +257,7 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
     It is the median deviation of a cell from its smoothed surroundings, which contacts hardly change: they are small, or smooth.
     """
     smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
-    return float(np.median(np.abs(field - smooth))) * _STD_PER_MEDIAN / _SMOOTHING_RESIDUE
+    return float(robust_std(field - smooth)) / _SMOOTHING_RESIDUE
 
 
 def cell_noise_upper_bound(
@@ -244,7 +276,7 @@ def _estimate_pixel_noise(image: Float32[Array, "rows cols"], reference: Float32
     """Return the standard deviation of a pixel's relative brightness."""
     rows = np.s_[::_NOISE_EVERY_ROWS]
     brightness = image[rows] / np.maximum(reference[rows], np.float32(1))
-    return float(np.median(np.abs(np.diff(brightness, n=2, axis=1)))) * _STD_PER_MEDIAN / float(np.sqrt(6))
+    return noise_by_second_differences(brightness, axis=1)
 
 
 def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> View:

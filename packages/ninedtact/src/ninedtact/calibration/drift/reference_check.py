@@ -40,7 +40,7 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified
 from ninedtact.shape.deblurring import block_means
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_spread
+from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_light_unevenness
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification, to_grey_float
 from ninedtact.shape.light_change import GammaFit, fit_gamma
 from ninedtact.shape.sharpness import Sharpness, is_smoother, measure_sharpness
@@ -153,7 +153,7 @@ class DriftMeasurement:
     """Whether the image lacks the noise of the camera, as a blurred one does."""
     gamma: GammaFit | None = None
     """Gamma and gain that explain the change of the brightness; None where they cannot be told."""
-    border_spread: float = 0.0
+    border_light_unevenness: float = 0.0
     """How much the light along the border of the view changed unevenly, which a press leaves as it is."""
 
     def equivalent_height_mm(self, change: float) -> float:
@@ -198,7 +198,7 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
         measure_sharpness((known.lens_image, known.depth_image), nearest.undone(today)),
         is_smoother(today, known.depth_image),
         _fit_gamma(known, today, moved if moved.is_same_skin else nearest),
-        border_spread(known.rectify(Frame(nearest.undone(today))), known.rectified_reference),
+        border_light_unevenness(known.rectify(Frame(nearest.undone(today))), known.rectified_reference),
     )
 
 
@@ -365,7 +365,7 @@ def _find_another_gel(drift: DriftMeasurement) -> DriftFinding | None:
     skin, change = drift.nearest, drift.change
     if drift.flipped or skin.is_same_skin or not (change.marks or change.unevenness > MAX_UNEVENNESS):
         return None
-    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS or drift.border_spread > MAX_BORDER_SPREAD
+    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS or drift.border_light_unevenness > MAX_BORDER_SPREAD
     pressed_all_over = change.contact is not None and change.changed_share > _MIN_PRESSED_SHARE
     if skin.observable and (other_light or not pressed_all_over):
         reason = f"the fine structure of the calibrated skin is not there (correlation {skin.correlation:.2f})"
