@@ -23,6 +23,7 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.capture.frame_source import FrameSource
+from ninedtact.force.contact_detection import measure_darkening_on_cells
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
@@ -141,6 +142,11 @@ class ChangingLight(FrameSource):
     def __post_init__(self) -> None:
         self._renderer = self.folder.twin().renderer
 
+    @property
+    def untouched(self) -> Image:
+        """The image without contact, noise and change of light."""
+        return self._renderer.reference
+
     def open(self) -> None: ...
 
     def close(self) -> None: ...
@@ -217,16 +223,33 @@ def of_streams(
                 false += is_touched(reading)
                 for warning in reading.warnings:
                     warned[warning] = warned.get(warning, 0) + 1
-            found = 0
+            found, shown = 0, list[float]()
             for image in contacts:
                 source.pressed = image
-                found += [is_touched(sensor.read()) for _ in range(HELD_IMAGES)][-1]
+                held = [sensor.read() for _ in range(HELD_IMAGES)]
+                found += is_touched(held[-1])
+                shown.append(share_shown(held[-1], image, source.untouched, folder))
                 source.pressed = None
                 for _ in range(REST_IMAGES):
                     sensor.read()
         said = ", ".join(f"{words} {number / max(count, 1):.0%}" for words, number in warned.items()) or "no warnings"
         yield at_most(f"{name}, {kind}: false contacts in {count} images, {hours:.2g} h", false, 0, peer=said)
+        half, tenth = np.quantile(shown, (0.5, 0.1)) if shown else (np.nan, np.nan)
+        yield Figure(
+            f"{name}, {kind}: share of their darkening in the image, median / tenth", f"{half:.0%} / {tenth:.0%}"
+        )
         yield at_least(f"{name}, {kind}: contacts of {load_n:g} N found of {presses}", found / presses, 0.95)
+
+
+def share_shown(reading: Reading, pressed: Image, untouched: Image, folder: SensorFolder) -> float:
+    """Return the darkening of a contact where it is darkest, over that without noise and compression."""
+    without = read_frame(
+        Frame(np.rint(pressed).astype(np.uint8)),
+        folder.shape,
+        folder.shape.depth_reader(Frame(np.rint(untouched).astype(np.uint8))),
+    )
+    true = measure_darkening_on_cells(without)
+    return float(measure_darkening_on_cells(reading).flat[true.argmax()] / true.max())
 
 
 def is_touched(reading: Reading) -> bool:
