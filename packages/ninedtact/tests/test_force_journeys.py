@@ -88,7 +88,7 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     adapt = ("adapt", "--sensor", sensor, "--reference", desk / "reference.png", *weighed)
     told = asked(capsys, *adapt)
     assert told["left_out"] < 0.5 * told["unadapted"] and len(told["presses"]) == len(DEPTHS_MM)
-    assert [press["warnings"] for press in told["presses"]] == [[], [], [], ["out of range"]], "half the gel deep"
+    assert not any(press["warnings"] for press in told["presses"]), "half the gel deep is in range"
     assert not (sensor / "force.toml").exists(), "its factors belonged to the gel before"
     folder, twin = load_sensor(sensor), default_twin()
     known, gel = folder.record.known_loads, folder.gel
@@ -102,7 +102,7 @@ def test_presses_are_read_in_newtons_and_weighing_them_makes_them_better(
     assert load_sensor(sensor).gel.shear_modulus_mpa == pytest.approx(told["shear_modulus_mpa"], rel=0.05)
     *lines, errors, _ = capsys.readouterr().out.splitlines()
     assert float(errors.split()[4].strip("%")) / 100 == pytest.approx(told["unadapted"], abs=0.03)
-    assert [line.endswith("σ  (out of range)") for line in lines[:4]] == [False, False, False, True]
+    assert all(line.endswith("σ") for line in lines[:4]), "nothing to warn of"
 
 
 def test_the_ball_of_the_calibration_itself_can_be_weighed(

@@ -15,6 +15,7 @@ from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.traction.estimator import TractionForce
 from ninedtact.force.traction.observation import (
+    BrightnessLaw,
     BrightnessObservationModel,
     cell_grid_over_image,
 )
@@ -55,8 +56,8 @@ def dragged(x_mm: float = 1.0, y_mm: float = -0.6, drag_mm: float = 0.5) -> Cont
     return last
 
 
-def reading(z_mm: np.ndarray, source: np.ndarray | None = None) -> Reading:
-    seen = np.full(z_mm.shape, HeightSource.MEASURED, np.uint8) if source is None else source
+def reading(z_mm: np.ndarray) -> Reading:
+    seen = np.full(z_mm.shape, HeightSource.MEASURED, np.uint8)
     grey = Rectified(np.full(z_mm.shape, 150, np.float32), PX_MM)
     return Reading(FRAME, grey, HeightMap(z_mm.astype(np.float32), seen, PX_MM), grey)
 
@@ -274,8 +275,10 @@ def test_a_touch_at_the_border_is_doubted() -> None:
 
 def test_a_touch_deeper_than_calibrated_is_doubted() -> None:
     z_mm = noisy()
-    source = np.where(z_mm < -0.8, HeightSource.EXTRAPOLATED, HeightSource.MEASURED).astype(np.uint8)
-    assert by_height().estimate(reading(z_mm, source)).warnings == (EstimateWarning.OUT_OF_RANGE,)
+    for known_mm, warnings in ((0.9 * z_mm.min(), (EstimateWarning.OUT_OF_RANGE,)), (1.2 * z_mm.min(), ())):
+        knots_mm = np.array([2 * known_mm, known_mm, 1.0])
+        estimator = TractionForce(HeightObservationModel(law=BrightnessLaw(knots_mm, knots_mm)), GEL, solver=THOROUGH)
+        assert estimator.estimate(reading(z_mm)).warnings == warnings
 
 
 @pytest.mark.parametrize(("ratio", "share"), [(0.1, 0.0), (0.1, 1.0), (0.3, 1.0), (0.02, 1.0)])

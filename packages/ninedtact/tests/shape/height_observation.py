@@ -14,7 +14,7 @@ from ninedtact.force.traction.observation import (
 )
 from ninedtact.reading import Reading
 
-_AS_IT_IS = BrightnessLaw(np.array([-20.0, 20.0]), np.array([-20.0, 20.0]))
+_AS_IT_IS = BrightnessLaw(np.array([-20.0, -10.0, 20.0]), np.array([-20.0, -10.0, 20.0]))
 _MIN_NOISE_MM = 0.002
 
 
@@ -28,7 +28,7 @@ class HeightObservationModel(ObservationModel):
 
     def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
         """Return the reading's heights on the cells."""
-        below, _, beyond = orthorectify_onto_cells(reading.height, cells)
+        below, _ = orthorectify_onto_cells(reading.height, cells)
         noise = max(estimate_cell_noise(below.z_mm), _MIN_NOISE_MM)
         in_view = below.in_view.astype(np.float32)
-        return ObservationOnCells(below.z_mm, noise, self.error_mm, below.z_mm, in_view, beyond)
+        return ObservationOnCells(below.z_mm, noise, self.error_mm, below.z_mm, in_view)

@@ -27,7 +27,7 @@ from ninedtact.design import PUBLISHED_RECTIFIED_COLS, Gel, SensorDesign, rectif
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import centred_axis_mm
-from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
+from ninedtact.simulation.calibration_images import GUIDED_PRESSES, HandPressImperfections
 from ninedtact.simulation.gel_brightness import (
     FITTED_PARAMETERS,
     PUBLISHED_DESIGN,
@@ -69,7 +69,7 @@ def _sample_brightness_model(rng: Random, design: SensorDesign) -> BrightnessMod
     return transfer_brightness_model(published, design)
 
 
-def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationPressSettings:
+def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> HandPressImperfections:
     """Sample how a person presses board and ball for the calibration."""
     deepest = min(_BALL_DEPTH_MM[1], _MAX_BALL_DEPTH_FRACTION * gel.thickness_mm)
     # Depths are multiplied by the thickness of the design's gel when the images are simulated.
@@ -191,7 +191,7 @@ class SampledSensor:
     misalignment: CalibrationMisalignment = field(default_factory=CalibrationMisalignment)
     design: SensorDesign = SensorDesign()
     """The design from which the sensor deviates."""
-    presses: CalibrationPressSettings = GUIDED_PRESSES
+    presses: HandPressImperfections = GUIDED_PRESSES
     """The presses with which it is calibrated."""
     glare: tuple[GlarePatch, ...] = ()
     """Reflections on the image."""

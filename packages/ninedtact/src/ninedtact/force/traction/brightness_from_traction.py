@@ -26,6 +26,9 @@ Tractions = Float32[Array, "3 rows cols"]
 Indices = Int[Array, " n"]
 
 _SMALLEST_WEIGHT = 1e-9
+_EDGE_THINNING = 0.1
+"""Thinning over the gel's thickness from which gel under pressure lies wholly under the object: little pressure that the inversion
+puts beside the contact, where the gel is thicker, does not make it a part of the contact."""
 _SCATTERING_REACH = 3.0
 """Distance, in standard deviations of the point-spread, from which scattered light still reaches the view."""
 
@@ -70,6 +73,14 @@ class ForwardModel:
         return self._on_cells(*self._skin.interface_symbols)
 
     @cached_property
+    def _tangential_compliance(self) -> Complex64[Array, "2 3 skin_rows half"]:
+        """Displacement of the skin along x and y over pressure and over shear along x and y, per wave vector."""
+        parts = self._skin.fourier_symbols
+        along_x = self._on_cells(1j * parts["bulge_x"], parts["xx"], parts["xy"])
+        along_y = self._on_cells(1j * parts["bulge_y"], parts["xy"], parts["yy"])
+        return np.stack([along_x, along_y])
+
+    @cached_property
     def sticking_shear(self) -> Complex64[Array, "2 skin_rows half"]:
         """Shear along x and y over pressure, per wave vector, that keeps the skin from moving sideways.
 
@@ -109,12 +120,16 @@ class ForwardModel:
         stiffening = finite_strain_stiffening(height_mm, linear_mm, gel)
         added = forward_transform(tractions * (stiffening[:rows, :cols] - 1), shape)
         change_by_pressure_mm = self._to_skin(waves[:1], self.compliance[:1])
-        thickening_mm = finite_strain_thickening_mm(change_by_pressure_mm, -linear_mm.min(), gel, self.cells.patch)
+        tangential_mm = np.stack([self._to_skin(waves, each) for each in self._tangential_compliance])
+        thickening_mm = finite_strain_thickening_mm(
+            change_by_pressure_mm, -linear_mm.min(), gel, self.cells.patch, tangential_mm
+        )
         around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[1:], self.compliance[1:])
-        is_under = np.zeros(shape, bool)
-        is_under[:rows, :cols] = tractions[0] > 0
+        thinning = -linear_mm[:rows, :cols] / gel.thickness_mm
+        under = np.zeros(shape, np.float32)
+        under[:rows, :cols] = np.clip(thinning / _EDGE_THINNING, 0, 1) * (tractions[0] > 0)
         under_mm = 0.0 if gel.has_rigid_base else -self._to_skin(added, self._interface_compliance)
-        nonlinear_mm = np.where(is_under, np.float32(0) + under_mm, around_mm)
+        nonlinear_mm = around_mm + under * (under_mm - around_mm)
         return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, nonlinear_mm)
 
     def thickness_change_mm(self, height_mm: SkinField) -> SkinField:

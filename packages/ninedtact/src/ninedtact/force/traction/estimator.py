@@ -24,6 +24,7 @@ from ninedtact.force.contact_detection import (
     correlated_noise_limit,
     detect_contact,
     find_contact_region,
+    find_faint_contact,
     pressure_reaches_unseen,
 )
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
@@ -56,9 +57,9 @@ NO_CONTACT_STD = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 
 _MODELLED_THINNING = 0.9
 """Thinning over the gel's thickness up to which the model of the gel holds (docs/force_physics.md)."""
-_LARGEST_PRESSURE = 9.0
-"""Pressure over the shear modulus up to which presses on a sensor's own twin are estimated well (`benchmarks/own_twin_presses`):
-more of it, which wide contacts have, changes the gel's thickness too little."""
+_LARGEST_PRESSURE = 13.0
+"""Pressure over the shear modulus up to which the stated errors hold for presses on a sensor's own twin: more of it, which wide
+contacts have, changes the gel's thickness too little."""
 
 
 @dataclass
@@ -97,12 +98,13 @@ class TractionForce(ForceEstimator):
         inversion = self._inversion_for(reading.height)
         observation = self.observation_model.observe(reading, inversion.forward.cells)
         region = self._find_region(reading, observation)
-        if region is None:
+        result = None if region is None else inversion.invert(observation, region, self.last)
+        if result is None or not result.tractions[0].any():  # no pressure makes skin so dark and bright
             self.forget()
             return WrenchEstimate(
                 zero_wrench(reading.frame.stamp_ns), diagonal_covariance(NO_CONTACT_STD), touching=False
             )
-        self.last = result = inversion.invert(observation, region, self.last)
+        self.last = result
         return self._to_estimate(reading, observation, result)
 
     def _find_region(self, reading: Reading, observation: ObservationOnCells) -> Float32[Array, "rows cols"] | None:
@@ -119,6 +121,7 @@ class TractionForce(ForceEstimator):
             MARGIN_CELLS,
             self.contact_region,
             correlated_noise_limit(reading, threshold),
+            find_faint_contact(reading, threshold),
         )
 
     def _to_estimate(
@@ -147,19 +150,20 @@ class TractionForce(ForceEstimator):
         """Return the reasons for which the result may be wrong."""
         pressure = result.tractions[0]
         reasons = {
-            EstimateWarning.OUT_OF_RANGE: self._is_out_of_range(observation, result),
+            EstimateWarning.OUT_OF_RANGE: self._is_out_of_range(result),
             EstimateWarning.PART_UNSEEN: pressure_reaches_unseen(pressure, observation.in_view),
             EstimateWarning.NOT_CONVERGED: result.newton_decrement > self.solver.max_trusted_decrement,
         }
         return [warning for warning, holds in reasons.items() if holds]
 
-    def _is_out_of_range(self, observation: ObservationOnCells, result: InversionResult) -> bool:
+    def _is_out_of_range(self, result: InversionResult) -> bool:
         """Return whether, anywhere in the contact, the gel is thinner than the depth curve knows, or thinner or under more pressure
         than the model of the gel holds."""
-        pressure, rows, cols = result.tractions[0], *observation.z_mm.shape
-        thinning_mm = -result.skin.thickness_change_mm[:rows, :cols]
-        too_deep = (observation.beyond > 0.5) | (thinning_mm > _MODELLED_THINNING * self.gel.thickness_mm)
-        return bool((too_deep & (pressure > 0)).any() or pressure.max() > _LARGEST_PRESSURE)
+        pressure = result.tractions[0]
+        rows, cols = pressure.shape
+        known_mm = min(-self.observation_model.law.deepest_known_mm, _MODELLED_THINNING * self.gel.thickness_mm)
+        is_too_thin = -result.skin.thickness_change_mm[:rows, :cols] > known_mm
+        return bool((is_too_thin & (pressure > 0)).any() or pressure.max() > _LARGEST_PRESSURE)
 
     def _inversion_for(self, height: HeightMap) -> TractionInversion:
         """Return the inversion for images of this size, built at the first of them."""

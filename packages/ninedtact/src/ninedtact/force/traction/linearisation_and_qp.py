@@ -1,7 +1,7 @@
 """One Gauss–Newton iteration: the brightness law linearised about a guess, which leaves a quadratic programme in the tractions.
 
 The prior (`TractionPrior`) has the statistics of simulated presses, in units of the shear modulus (docs/force_physics.md has the
-figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, and a standard deviation in proportion to the
+figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, less of it below 0.4 mm, and a standard deviation in proportion to the
 indentation over the gel's thickness. Shear has the
 mean that keeps the skin under the pressure from spreading sideways, as friction does, and deviates from it by pressure times a
 smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.2 on each axis); the other varies over
@@ -135,7 +135,8 @@ class TractionPrior:
     """Standard deviation of the part of shear over pressure that varies over the contact."""
     spread_mm: float = 2.0
     smooth_mm: float = 0.4
-    """Standard deviation of the Gaussian that smooths pressure before it carries shear."""
+    """Length below which pressure varies less than exp(−r/ℓ) does, and standard deviation of the Gaussian that smooths it before it
+    carries shear. Light that scatters hides a pressure that alternates from cell to cell, which would be found in deep presses."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +238,7 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         carried = self.prior.shear_modes[row * self.region.shape[1] + col] * self.carries[row, col][:, None]
         power = (carried**2).sum(axis=0)
-        return np.ascontiguousarray(carried[:, power > _MIN_MODE_POWER * max(float(power.max()), 1e-12)])
+        return np.ascontiguousarray(carried[:, power >= _MIN_MODE_POWER * power.max()])
 
     @cached_property
     def sticking_weights(self) -> Float32[Array, "n weights"]:
@@ -334,11 +335,11 @@ def pressure_precision_spectrum(
 ) -> Float32[Array, "rows half"]:
     """Return the inverse power spectrum of pressure at every wave number (1/mm), for a strain of one.
 
-    The spectrum is that of the correlation exp(−r/ℓ) in two dimensions.
+    The spectrum is that of the correlation exp(−r/ℓ) in two dimensions, which waves shorter than `smooth_mm` have less of.
     """
     length = prior.correlation_mm
     power = 2 * np.pi * (prior.pressure_per_strain * length / pitch_mm) ** 2
-    return ((1 + (wave * length) ** 2) ** 1.5 / power).astype(np.float32)
+    return ((1 + (wave * length) ** 2) ** 1.5 * (1 + (wave * prior.smooth_mm) ** 2) / power).astype(np.float32)
 
 
 def _gaussian_bumps(cells: int, pitch_mm: float, step_mm: float) -> Float[Array, "cells n"]:

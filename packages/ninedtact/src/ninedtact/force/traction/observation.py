@@ -156,6 +156,11 @@ class BrightnessLaw:
         """Return the relative change of brightness of skin at these heights."""
         return np.interp(height_mm, self.height_mm, self.change).astype(np.float32)
 
+    @property
+    def deepest_known_mm(self) -> float:
+        """Height at the last knot of the depth curve, before the extrapolation."""
+        return float(self.height_mm[1])
+
     def slope_per_mm(self, height_mm: Float32[Array, "*shape"]) -> Float32[Array, "*shape"]:
         """Return the derivative of the change with respect to height."""
         steps = np.diff(self.change) / np.diff(self.height_mm)
@@ -199,8 +204,6 @@ class ObservationOnCells:
     """Height from the depth reader, used for the initial guess and the contact region."""
     in_view: View
     """One where a cell is seen, zero where not."""
-    beyond: View
-    """Fraction of a cell that is deeper than the calibrated range."""
 
 
 class ObservationModel(ABC):
@@ -230,14 +233,14 @@ class BrightnessObservationModel(ObservationModel):
 
     def observe(self, reading: Reading, cells: CellGrid) -> ObservationOnCells:
         """Return the relative change of brightness."""
-        below, pixel, beyond = orthorectify_onto_cells(reading.height, cells)
+        below, pixel = orthorectify_onto_cells(reading.height, cells)
         change = _at_pixels(self._relative_change(reading.rectified, reading.reference, cells), pixel)
         largest = cell_noise_upper_bound(
             reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
         )
         noise = min(max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE), largest)
         return ObservationOnCells(
-            change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32), beyond
+            change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32)
         )
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
@@ -270,10 +273,8 @@ def build_brightness_observation_model(calibrated: CalibratedShape) -> Brightnes
     return BrightnessObservationModel(calibrated.curve, calibrated.loss, calibrated.deblurring.point_spread_mm)
 
 
-def orthorectify_onto_cells(
-    height: HeightMap, cells: CellGrid
-) -> tuple[HeightMap, Float32[Array, "2 rows cols"], View]:
-    """Return the height map on the cells, the column and row of the line of sight of each, and each cell's extrapolated fraction.
+def orthorectify_onto_cells(height: HeightMap, cells: CellGrid) -> tuple[HeightMap, Float32[Array, "2 rows cols"]]:
+    """Return the height map on the cells, and the column and row of the line of sight of each.
 
     Columns and rows are those of the averaged map. Raises `ForceEstimationError` where nothing is in view.
     """
@@ -291,7 +292,7 @@ def orthorectify_onto_cells(
     pixel = find_pixels_of_skin_places(seen_mm, pitch_mm, place_mm, height.camera_distance_mm, _SIGHTLINE_ITERATIONS)
     source = np.asarray(sample_field(source, pixel, cv2.INTER_NEAREST))
     below = replace(coarse, z_mm=_at_pixels(coarse.z_mm, pixel), source=source, camera_distance_mm=np.inf)
-    return below, pixel, _at_pixels(_fraction_of_cells(height.source == HeightSource.EXTRAPOLATED.value, cells), pixel)
+    return below, pixel
 
 
 def _fraction_of_cells(where: Bool[Array, "a b"], cells: CellGrid) -> View:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.hidden_twist import contact_extent
+from ninedtact.force.hidden_twist import pressure_rms_radii
 from ninedtact.force.traction.brightness_from_traction import (
     DeformedSkin,
     ForwardModel,
@@ -42,6 +42,8 @@ _MIN_PRIOR_DEPTH_MM = 0.02
 """Smallest indentation by which the prior of pressure is scaled."""
 _SMALLEST_STEP = 0.25
 """Smallest part of the way to a result by which the point of linearisation moves."""
+_RELAXATION_LIMITS = 0.3, 1.5
+"""Smallest and largest part of the way to the part of a skin that is not linear by which that part moves."""
 _SLIDES_FROM = 0.8
 """Shear over pressure from which a contact is taken to slide, so that the skin under it spreads freely. Loads of sheared contacts
 with friction of 0.4 and 1 are right to a tenth with it; they were up to a third too large where the skin was held."""
@@ -55,7 +57,7 @@ _LEVEL_STD = 0.003
 class SolverSettings:
     """Limits of the iteration, and its convergence criteria, which are the same wherever it starts."""
 
-    max_iterations: int = 5
+    max_iterations: int = 8
     """Largest number of linearisations without a previous result."""
     max_warm_iterations: int = 2
     """Largest number of linearisations that start from the result of the previous image."""
@@ -147,15 +149,16 @@ class TractionInversion:
     ) -> InversionResult:
         """Iterate from a guess until the result has converged, or as often as allowed; return the result nearest to convergence.
 
-        Where an iteration brings the result no nearer, the next ones linearise closer to where this one did.
+        Where an iteration brings the result no nearer, the next ones linearise closer to where this one did. What is not linear in
+        the tractions is not part of the derivative. In deep presses it would oscillate, so it is relaxed.
         """
         result = best = self._iterate(observation, region, guess)
         step, about_mm = 1.0, guess.thickness_change_mm
+        nonlinear = _RelaxedField(guess.nonlinear_mm)
         while result.iterations < max_iterations and self._distance(result) > 1:
             about_mm = about_mm + np.float32(step) * (result.skin.thickness_change_mm - about_mm)
-            carried = InitialGuess(
-                result.tractions, about_mm, result.skin.nonlinear_mm, result.misfit, result.iterations
-            )
+            nonlinear = nonlinear.towards(result.skin.nonlinear_mm)
+            carried = InitialGuess(result.tractions, about_mm, nonlinear.field_mm, result.misfit, result.iterations)
             result = self._iterate(observation, region, carried)
             if self._distance(result) < self._distance(best):
                 best = result
@@ -239,6 +242,26 @@ class TractionInversion:
         return DiscretePrior(self.forward.cells, self.prior)
 
 
+@dataclass(frozen=True)
+class _RelaxedField:
+    """A field that a fixed-point iteration seeks, with Aitken's relaxation (Küttler and Wall 2008; docs/force_physics.md)."""
+
+    field_mm: SkinField | float
+    last_residual_mm: SkinField | None = None
+    """r: what the iteration before found, less what it started from."""
+    relaxation: float = 1.0
+    """ω: the part of the residual that the last step took."""
+
+    def towards(self, found_mm: SkinField) -> "_RelaxedField":
+        """Return the field from which the next iteration starts, after one that found another."""
+        residual_mm, relaxation = found_mm - self.field_mm, self.relaxation
+        if self.last_residual_mm is not None:
+            change_mm = residual_mm - self.last_residual_mm
+            secant = float(np.vdot(self.last_residual_mm, change_mm)) / max(float(np.vdot(change_mm, change_mm)), 1e-12)
+            relaxation = float(np.clip(-relaxation * secant, *_RELAXATION_LIMITS))
+        return _RelaxedField(self.field_mm + np.float32(relaxation) * residual_mm, residual_mm, relaxation)
+
+
 def _sticking_part(tractions: Tractions) -> float:
     """Return the part of the shear which keeps the skin in place that friction still bears under these tractions."""
     pressed, along_x, along_y = tractions.sum(axis=(1, 2)).tolist()
@@ -284,7 +307,7 @@ class UncertaintyModel:
         relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
         relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
-        extent = contact_extent(pressure, *forward.cells.coordinates_mm)
+        extent = pressure_rms_radii(pressure, *forward.cells.coordinates_mm)
         structure_nm = unresolved * self.torque_arm * abs(six[2]) * extent.radius_of_gyration_mm / 1e3
         twist_nm = extent.hidden_torque_nm(six[2])
         return covariance + np.diag([0, 0, 0, structure_nm**2, structure_nm**2, structure_nm**2 + twist_nm**2])
