@@ -26,11 +26,15 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
+from ninedtact.calibration.nominal_shape import nominal_shape
+from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.twin import Press
 from ninedtact.simulation.twin_batch import TwinBatch
+from ninedtact_train.batched.depth_reading import BatchedDepthReader
 from ninedtact_train.batched.executor import BatchExecutor, run_sessions
 from ninedtact_train.batched.session_requests import (
     Device,
@@ -84,7 +88,7 @@ def gpu_throughput(
     figures = [Figure("device", f"{name}; torch {torch.__version__}")]
     parts = {
         "accuracy": accuracy(chosen, pitches_mm, 2 if quick else 16, 4 if quick else ROUND),
-        **{f"counts, {pitch:g} mm": counts(chosen, pitch, sizes[0]) for pitch in pitches_mm},
+        **{f"counts, {pitch:g} mm": counts(chosen, pitch, sizes[-1]) for pitch in pitches_mm},
         "sessions of a data set": sessions_rate(chosen, sessions, quick),
         **{
             f"{many} environments, {pitch:g} mm": rates(chosen, many, pitch, sizes, seconds)
@@ -176,6 +180,12 @@ def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seco
                 yield at_least(each, per_s, required, "per s")
             else:
                 yield Figure(each, per_s, peer=took)
+        images, reader = batch.images(press), depth_reader(batch)
+        reader(images)
+        reading_s, _ = timed(motion, lambda: reader(images), seconds / 3)
+        total_s = step_s + image_s + reading_s
+        each, took = f"{name}, with image {size} and its heights per s", f"heights {1e3 * reading_s:.3g} ms"
+        yield Figure(each, many / total_s, peer=took)
         if device.kind == "cuda":
             yield Figure(f"{name}: memory, GB", torch.cuda.max_memory_allocated() / 1e9)
             torch.cuda.reset_peak_memory_stats()
@@ -228,8 +238,14 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
     """Yield what a step of the motion, and its images, ask of a device: means over some steps."""
     motion, steps = Motion(device, COUNTED, pitch_mm, size), 4
     motion.batch.images(motion.next())
-    calls = {"contact and wrench": motion.next, f"image {size}": lambda: motion.batch.images(press)}
     press = motion.next()
+    images, reader = motion.batch.images(press), depth_reader(motion.batch)
+    reader(images)
+    calls = {
+        "contact and wrench": motion.next,
+        f"image {size}": lambda: motion.batch.images(press),
+        "heights of an image": lambda: reader(images),
+    }
     for what, call in calls.items():
         with HostReads() as reads, DeviceWork() as work:
             for _ in range(steps):
@@ -241,6 +257,16 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
         yield Figure(
             f"{name}, MB per environment", work.bytes / 1e6 / COUNTED / steps, peer=f"so an H100 does ≤ {per_s:.3g} /s"
         )
+
+
+def depth_reader(batch: TwinBatch) -> BatchedDepthReader:
+    """Return a reader of the batch's images, with all that a calibrated one computes."""
+    grey = batch._reference.cpu().numpy()
+    shape = nominal_shape(grey)
+    reader = shape.depth_reader(Frame(cv2.cvtColor(np.uint8(grey), cv2.COLOR_GRAY2BGR)))
+    return BatchedDepthReader(
+        shape.rectify, replace(reader, base_deflection=BaseDeflection(batch.twin.gel)), batch.device
+    )
 
 
 def timed(motion: Motion, call: Any, seconds: float) -> tuple[float, Any]:

@@ -9,10 +9,13 @@ matters little for loads, but a calibration that leaves it out attributes it to 
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from array_api_compat import device
+from jaxtyping import Float32
+from numpy import ndarray as Array
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.contact_result import Contact
@@ -107,8 +110,7 @@ def finite_strain_thickening_terms_mm(
     """Return the terms of `finite_strain_thickening_mm` for constants of one: what thickens grows, spreads, is carried along."""
     xp = array_namespace_of(change_by_pressure_mm)
     thicker = xp.where(change_by_pressure_mm > 0, change_by_pressure_mm, 0 * change_by_pressure_mm)
-    wave_x, wave_y = grid.wave_vectors
-    mean = np.exp(-(wave_x**2 + wave_y**2) * gel.thickness_mm**2 / 2)
+    mean = _gaussian_mean(grid, gel.thickness_mm)
     spectrum = forward_transform(thicker, grid.shape) * xp.asarray(mean, dtype=thicker.dtype, device=device(thicker))
     smooth = inverse_transform(spectrum, grid.shape, grid.shape)
     strain = greatest_thinning_mm / gel.thickness_mm
@@ -118,6 +120,13 @@ def finite_strain_thickening_terms_mm(
         _difference(xp, thicker * tangential_mm[..., axis, :, :], -1 - axis, grid.pitch_mm) for axis in (0, 1)
     )
     return strain * thicker, -strain * smooth, -carried
+
+
+@lru_cache(maxsize=8)
+def _gaussian_mean(grid: PeriodicGrid, sigma_mm: float) -> Float32[Array, "rows half"]:
+    """Return the transform of a Gaussian mean."""
+    wave_x, wave_y = grid.wave_vectors
+    return np.exp(-(wave_x**2 + wave_y**2) * sigma_mm**2 / 2).astype(np.float32)
 
 
 def _difference(xp: Any, field: ScalarField, axis: int, pitch_mm: float) -> ScalarField:

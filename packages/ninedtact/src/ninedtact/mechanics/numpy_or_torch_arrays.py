@@ -20,7 +20,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace, device, is_numpy_array, to_device
+from array_api_compat import array_namespace, device, to_device
 from jaxtyping import Bool, Float, Int, Shaped
 from numpy import ndarray as Array
 
@@ -55,7 +55,7 @@ def inverse_transform(spectrum: Any, shape: tuple[int, int], field_shape: tuple[
 
 def _transform_module(array: Any) -> Any:
     """Return the module whose transforms take this kind of array."""
-    return _scipy_fft() if is_numpy_array(array) else array_namespace_of(array).fft
+    return _scipy_fft() if isinstance(array, np.ndarray) else array_namespace_of(array).fft
 
 
 @lru_cache(maxsize=1)
