@@ -89,7 +89,7 @@ test-cluster: .venv/ready-cluster
 # Doors to other programs, tried against those programs (MuJoCo, DDS, Foxglove, Rerun, C++, JavaScript; LeRobot in an environment
 # of its own). What needs none of them runs in `make test`.
 test-interop: .venv/ready-interop .venv-lerobot/ready
-	.venv/bin/python -m pytest -m 'interop or not interop' $(CORE)/tests/interop
+	.venv/bin/python -m pytest -m 'interop or not interop' $(CORE)/tests/interop packages/ninedtact-train/tests/environments
 	HF_HUB_OFFLINE=1 .venv-lerobot/bin/python -m pytest $(LEROBOT_PLUGIN)/tests
 
 # LeRobot in an environment of its own, because it pins other versions. It allows no torch as new as that of the checks.

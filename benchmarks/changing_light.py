@@ -156,16 +156,26 @@ def changing_light(
     hours: float = 1.0,
     presses: int = 40,
     sensors: tuple[str, ...] = ("sensor_a", "sensor_i", "twin P", "twin R"),
+    streams: tuple[str, ...] = (),
+    load_n: float = LIGHT_LOAD_N,
     quick: bool = False,
     json: bool = False,
 ) -> None:
-    """Print false contacts, light contacts found, and the errors of presses; hours: of each stream on each sensor."""
+    """Print false contacts, light contacts found, and the errors of presses.
+
+    hours: of each stream on each sensor. streams: words of those that are shown; of all where there are none. load_n: of the light
+    contacts.
+    """
     cv2.setNumThreads(1)
     hours, presses = (12 / 3600, 2) if quick else (hours, presses)
+    kinds = [kind for kind in STREAMS if not streams or any(words in kind for words in streams)][: 3 if quick else None]
     with TemporaryDirectory() as out:
         folders = dict(make_sensors(Path(out), sensors[: 1 if quick else None]))
-        figures = [one for name, folder in folders.items() for one in of_streams(name, folder, hours, presses, quick)]
-        figures += of_presses(folders, quick)
+        figures = [
+            one for name, folder in folders.items() for one in of_streams(name, folder, hours, presses, load_n, kinds)
+        ]
+        if not streams:
+            figures += of_presses(folders, quick)
     answer("Light that changes", figures, json)
 
 
@@ -184,10 +194,13 @@ def make_sensors(out: Path, names: tuple[str, ...]) -> Iterator[tuple[str, Senso
         yield name, load_sensor(out / name)
 
 
-def of_streams(name: str, folder: SensorFolder, hours: float, presses: int, quick: bool) -> Iterator[Figure]:
+def of_streams(
+    name: str, folder: SensorFolder, hours: float, presses: int, load_n: float, kinds: list[str]
+) -> Iterator[Figure]:
     """Yield false contacts and light contacts found of every stream."""
-    contacts = list(press_images(folder, LIGHT_LOAD_N, presses))
-    for kind, change in list(STREAMS.items())[: 3 if quick else None]:
+    contacts = list(press_images(folder, load_n, presses))
+    for kind in kinds:
+        change = STREAMS[kind]
         codec: Callable[[Image], Image] = jpeg if "JPEG" in kind else np.asarray
         if "H.264" in kind:
             try:
@@ -213,7 +226,7 @@ def of_streams(name: str, folder: SensorFolder, hours: float, presses: int, quic
                     sensor.read()
         said = ", ".join(f"{words} {number / max(count, 1):.0%}" for words, number in warned.items()) or "no warnings"
         yield at_most(f"{name}, {kind}: false contacts in {count} images, {hours:.2g} h", false, 0, peer=said)
-        yield at_least(f"{name}, {kind}: contacts of 0.1 N found of {presses}", found / presses, 0.95)
+        yield at_least(f"{name}, {kind}: contacts of {load_n:g} N found of {presses}", found / presses, 0.95)
 
 
 def is_touched(reading: Reading) -> bool:

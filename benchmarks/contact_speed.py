@@ -153,7 +153,11 @@ def surface(name: str) -> Float64[Array, "rows cols"]:
 def our_cold_solve(skin: Skin, heights: Float64[Array, "rows cols"], call: int = 0) -> PressureSolution:
     none, held = np.zeros((1, 1)), ContactConstraint(LOAD_N / GRID.cell_area_mm2)
     even = held.scale_to_load(np.zeros(GRID.shape))
-    start = PressureSolution(even, skin.operators.indentation_from_pressure_mm(even), none, none, none, none)
+    indentation, step_length = (
+        skin.operators.indentation_from_pressure_mm(even),
+        skin.operators.first_step_lengths(none)[0],
+    )
+    start = PressureSolution(even, indentation, none, none, none, none, step_length)
     return solve_pressure(skin.operators, held, -heights, start, none + 2 * TARGET_MM, 1000)
 
 

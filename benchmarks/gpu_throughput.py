@@ -3,7 +3,9 @@
 A ball is pressed, dragged, twisted and tilted in every environment of a `TwinBatch`, each in its own way, on the gel of a simulated
 sensor at finite strain on a base that yields. Beside the rates: how far the batch is from the CPU's presses, and a coarser grid
 from the finest; and sessions of `ninedtact simulate dataset`, which are of many sensors and objects. Without a GPU, torch does the
-same on the CPU, whose rates say nothing of a GPU.
+same on the CPU, whose rates say nothing of a GPU; what the step asks of one is counted on any device: kernels, times at which the
+processor waits for the device, and bytes that kernels read and write, with the rate that these bytes allow an H100. The whole fits
+into eight minutes; what does not is said not to be measured.
 """
 
 from collections import Counter
@@ -11,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -20,6 +22,9 @@ import tyro
 from figures import Figure, answer, at_least, at_most, shown
 from jaxtyping import Float64
 from numpy import ndarray as Array
+from torch.overrides import TorchFunctionMode
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
 
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.pose import Pose
@@ -45,6 +50,10 @@ SIZES = {"120x160": (160, 120), "172x230": (230, 172), "345x460": (460, 345)}
 """Sizes of images as (cols, rows)."""
 REQUIRED = {(4096, 0.4, "120x160"): 10_000.0, (4096, 0.2, "345x460"): 5_000.0}
 SESSIONS_REQUIRED = 500.0
+H100_BYTES_PER_S = 3.35e12
+"""Memory bandwidth of an H100 SXM (NVIDIA's data sheet)."""
+COUNTED = 16
+"""Environments of the counted steps."""
 WARM_UP, WRENCH_SHARE, IMAGE_GREY = 6, 0.01, 0.1
 """Steps that do not count; and the largest differences from the CPU's press: wrench by load, and RMS of the image."""
 ROUND = 60
@@ -59,10 +68,12 @@ def gpu_throughput(
     sizes: tuple[str, ...] = tuple(SIZES),
     seconds: float = 1.5,
     sessions: int = 256,
+    minutes: float = 8.0,
     quick: bool = False,
     json: bool = False,
 ) -> None:
-    """Measure. device: as `ninedtact simulate dataset` takes it. seconds: of one row."""
+    """Measure. device: as `ninedtact simulate dataset` takes it. seconds: of one row. minutes: after which no part begins."""
+    started = perf_counter()
     chosen = choose_compute_device(device)
     chosen = chosen if chosen.kind == "cuda" else Device("torch-cpu")
     if quick:
@@ -71,12 +82,19 @@ def gpu_throughput(
     gpu = chosen.kind == "cuda"
     name = torch.cuda.get_device_name(chosen.name) if gpu else "CPU, 1 thread; no GPU here, these are no figures of one"
     figures = [Figure("device", f"{name}; torch {torch.__version__}")]
-    parts = (
-        accuracy(chosen, pitches_mm, 2 if quick else 16, 4 if quick else ROUND),
-        *(rates(chosen, many, pitch, sizes, seconds) for pitch in pitches_mm for many in environments),
-        sessions_rate(chosen, sessions, quick),
-    )
-    for part in parts:
+    parts = {
+        "accuracy": accuracy(chosen, pitches_mm, 2 if quick else 16, 4 if quick else ROUND),
+        **{f"counts, {pitch:g} mm": counts(chosen, pitch, sizes[0]) for pitch in pitches_mm},
+        "sessions of a data set": sessions_rate(chosen, sessions, quick),
+        **{
+            f"{many} environments, {pitch:g} mm": rates(chosen, many, pitch, sizes, seconds)
+            for many in environments
+            for pitch in pitches_mm
+        },
+    }
+    for name, part in parts.items():
+        if perf_counter() - started > 60 * minutes:
+            part = [Figure(name, f"not measured: {minutes:g} minutes are over")]
         for figure in part:
             figures.append(figure)
             print(figure.figure, shown(figure.measured), shown(figure.peer), flush=True)
@@ -165,6 +183,64 @@ def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seco
         if not is_out_of_memory(error):
             raise
         yield Figure(name, "out of memory")
+
+
+class DeviceWork(TorchDispatchMode):
+    """Counts the kernels that torch starts, and the bytes of the tensors that each reads and writes."""
+
+    WITHOUT_KERNEL: ClassVar = {
+        "empty",
+        "empty_like",
+        "empty_strided",
+        "new_empty",
+        "_local_scalar_dense",
+        "lift_fresh",
+        "detach",
+    }
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.kernels = self.bytes = self.scalars_read = 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        found, name = func(*args, **(kwargs or {})), func.overloadpacket.__name__
+        self.scalars_read += name == "_local_scalar_dense"
+        if not func.is_view and name not in self.WITHOUT_KERNEL:
+            self.kernels += 1
+            tensors = (one for one in tree_leaves((args, kwargs, found)) if isinstance(one, torch.Tensor))
+            self.bytes += sum(one.numel() * one.element_size() for one in tensors)
+        return found
+
+
+class HostReads(TorchFunctionMode):
+    """Counts the tensors that are read as NumPy arrays, for each of which the processor waits on a device."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        self.count += getattr(func, "__name__", "") in ("__array__", "numpy", "tolist")
+        return func(*args, **(kwargs or {}))
+
+
+def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
+    """Yield what a step of the motion, and its images, ask of a device: means over some steps."""
+    motion, steps = Motion(device, COUNTED, pitch_mm, size), 4
+    motion.batch.images(motion.next())
+    calls = {"contact and wrench": motion.next, f"image {size}": lambda: motion.batch.images(press)}
+    press = motion.next()
+    for what, call in calls.items():
+        with HostReads() as reads, DeviceWork() as work:
+            for _ in range(steps):
+                call()
+        name = f"{COUNTED} environments, {pitch_mm:g} mm: {what}"
+        per_s = H100_BYTES_PER_S * COUNTED * steps / work.bytes
+        yield Figure(f"{name}, kernels per step", work.kernels / steps)
+        yield Figure(f"{name}, waits per step", (reads.count + work.scalars_read) / steps)
+        yield Figure(
+            f"{name}, MB per environment", work.bytes / 1e6 / COUNTED / steps, peer=f"so an H100 does ≤ {per_s:.3g} /s"
+        )
 
 
 def timed(motion: Motion, call: Any, seconds: float) -> tuple[float, Any]:

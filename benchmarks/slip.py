@@ -1,21 +1,21 @@
 """Slip, friction and contacts on a real sensor's own twin, at 60 images a second, against what the twin knows.
 
-Objects are pressed and dragged until they slide, dragged back, dragged and stopped again and again, pressed deeper on the way, and
-hung in a grip that weakens. The true state of an image is gross where less than 2 % of the contact sticks and it slides at more
-than 0.5 mm/s, incipient where less than 0.7 of the contact sticks, otherwise static. A false alarm is a gross slip while an object
-is held still, under a light that flickers by ±1 %, and loads that fall by a tenth in an hour as gel creeps. An hour of holding is
-made of seconds that are rendered, in any order.
+Objects make the motions of `simulation.object_motions`, which also says what the true state of an image is. A false alarm is a
+gross slip while an object is held still, at a depth or under a load, on a gel that relaxes (`mechanics.relaxation`), under a light
+that flickers by ±1 %. The hours of holding are made of seconds that are rendered, in any order, about the level at each time.
+
+`--held-out` measures twins of three further real fits, each calibrated from images of its own, in place of A and I.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 import tyro
 from figures import Figure, answer, at_least, at_most
+from force_on_real_fits import calibrate_twin
 from real_images import calibrated
 
 from ninedtact.calibration.save import save_sensor
@@ -23,17 +23,19 @@ from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.indenter import Indenter
-from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
+from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import DepthReader
+from ninedtact.simulation.object_motions import HZ, MOTION_KINDS, MotionSettings, TrueSlip, play_motion
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.twin import Press, Twin
-from ninedtact.tracking import ContactTracker, SlipEstimator, SlipState, TrackedContacts, find_contacts
+from ninedtact.tracking import ContactTracker, SlipEstimator, SlipSample, SlipState, TrackedContacts
 from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
+from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 
-SENSORS = "sensor_a", "sensor_i"
+SENSORS, HELD_OUT = ("sensor_a", "sensor_i"), ("L", "P", "R")
 OBJECTS = (
     ("ball:5", 0.6, 0.6),
     ("ball:3", 0.9, 0.6),
@@ -43,28 +45,21 @@ OBJECTS = (
     ("torus_02", 0.8, 0.4),
 )
 """Objects, their friction and depth in mm; the constants of `tracking.slip` were chosen on the published design with others."""
-HZ, HELD_DEPTH_MM = 60.0, 0.6
-SLIDES_ABOVE_MM_PER_S, SLIDES_BELOW_SHARE, INCIPIENT_BELOW_SHARE = 0.5, 0.02, 0.7
+START_MM, SPEED_MM_S, HELD_DEPTH_MM = (-1.5, -0.4), 6.0, 0.6
+DRAGGED = MOTION_KINDS[:5]
+"""Motions without a turn or a tilt."""
 STATES = SlipState.STATIC, SlipState.INCIPIENT, SlipState.GROSS
-FLICKER, FLICKER_HZ, CREEP, SETTLING = 0.01, 0.75, 0.1, 6
+FLICKER, FLICKER_HZ, SETTLING = 0.01, 0.75, 6
+HELD_S = np.array([0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1200.0])
+"""Times of a hold at which the relaxed gel is rendered."""
 MOST_FINGERTIPS = 4
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What the twin knows of one image."""
-
-    state: SlipState
-    sticking_share: float
-    speed: float
-    """mm/s."""
 
 
 @dataclass(frozen=True)
 class Step:
     """One image: the truth, and what was found."""
 
-    truth: Truth
+    truth: TrueSlip
     found: TrackedContacts
     force_n: np.ndarray
     slid_mm: float
@@ -95,132 +90,74 @@ class Rig:
         return self.estimator.add_force(read_frame(frame, self.sensor.shape, self.reader))
 
 
-Motion = Callable[[Press | None], Pose | None]
-"""Returns the next pose from the last press; None at the end."""
-
-
-def motions(depth_mm: float, speed: float, friction: float) -> dict[str, list[Pose] | Motion]:
-    """Return the poses of every kind of motion. speed: mm/s."""
-    start = Pose(-1.5, -0.4, depth_mm)
-    pressed = [replace(start, depth_mm=depth_mm * min(1.0, (number + 1) / 10)) for number in range(22)]
-    there = pressed + drag(pressed[-1], 2.6, speed)
-    back = there + [there[-1]] * 6
-    back += drag(back[-1], -2.6, speed)
-    jerky = list(pressed)
-    for _ in range(5):
-        jerky += drag(jerky[-1], 0.6, speed)
-        jerky += [jerky[-1]] * 8
-    tighter = pressed + drag(pressed[-1], 0.6, speed)
-    deep = 1.3 * depth_mm
-    tighter += [tighter[-1].interpolate(replace(tighter[-1], depth_mm=deep), (step + 1) / 20) for step in range(20)]
-    tighter += drag(tighter[-1], 1.8, speed)
-    return {
-        "there": there + [there[-1]] * 10,
-        "back": back,
-        "jerky": jerky,
-        "tighter": tighter,
-        "hanging": hanging_load(pressed, friction),
-    }
-
-
-def drag(last: Pose, by_mm: float, speed: float) -> list[Pose]:
-    """Return the poses of a drag along a direction of 17°."""
-    count = max(round(abs(by_mm) * HZ / speed), 1)
-    end = replace(last, x_mm=last.x_mm + by_mm, y_mm=last.y_mm + 0.3 * by_mm)
-    return [last.interpolate(end, (number + 1) / count) for number in range(count)]
-
-
-def hanging_load(pressed: list[Pose], friction: float) -> Motion:
-    """Return the motion of an object that hangs in a grip: it moves until the skin bears its weight, while the grip weakens.
-
-    Its weight is 0.6 of what friction bears at first. It falls at 8 mm/s at most.
-    """
-    number, weight_n, depth_mm = 0, 0.0, pressed[-1].depth_mm
-
-    def move(last: Press | None) -> Pose | None:
-        nonlocal number, weight_n
-        number += 1
-        if number <= len(pressed) or last is None:
-            return pressed[number - 1]
-        weight_n = weight_n or 0.6 * friction * float(last.load_n)
-        missing_n = weight_n - float(last.wrench.force_n[0])
-        # A load that is borne to 3 % holds it: smaller steps would be less than the tolerance of the twin's solver.
-        step_mm = float(np.clip(0.5 * missing_n, 0.0, 8 / HZ)) if missing_n > 0.03 * weight_n else 0.0
-        weakening = np.clip((number - 50) / 60, 0, 0.7)
-        pose = replace(last.pose, x_mm=last.pose.x_mm + step_mm, depth_mm=depth_mm * (1 - float(weakening)))
-        return pose if number < 110 and pose.x_mm < 2.5 else None
-
-    return move
-
-
-def follow(rig: Rig, indenter: Indenter, motion: list[Pose] | Motion) -> Iterator[Step]:
+def follow(rig: Rig, indenter: Indenter, settings: MotionSettings, kind: str) -> Iterator[Step]:
     """Yield what is true and what is found while an object moves."""
-    tracker, last, slid_mm = ContactTracker(), None, 0.0
+    tracker, slid_mm = ContactTracker(), 0.0
     rig.estimator.forget()
-    for number in count():
-        pose = motion(last) if callable(motion) else motion[number] if number < len(motion) else None
-        if pose is None:
-            return
-        press = rig.twin.press(last, indenter, pose)
-        truth = true_slip(last, press)
-        slid_mm = slid_mm + truth.speed / HZ if truth.state == SlipState.GROSS else 0.0
-        reading = rig.read(press, number)
+    for number, step in enumerate(play_motion(rig.twin, indenter, settings.motion(kind))):
+        truth = step.slip
+        slid_mm = slid_mm + truth.speed_mm_s / HZ if truth.state == SlipState.GROSS else 0.0
+        reading = rig.read(step.press, number)
         force_n = np.zeros(3) if reading.wrench is None else reading.wrench.force_n
         began = process_time()
         found = tracker.update(reading)
         yield Step(truth, found, force_n, slid_mm, process_time() - began)
-        last = press
 
 
-def true_slip(last: Press | None, press: Press) -> Truth:
-    """Return the true state: the share that sticks, and how fast the skin's points move under the object."""
-    if last is None or press.slip_share is None:
-        return Truth(SlipState.UNKNOWN if press.slip_share is None else SlipState.STATIC, 1.0, 0.0)
-    before, now = last.solved, press.solved
-    positions = now.skin.positions_mm
-    origin = replace(before.pose, x_mm=0.0, y_mm=0.0)
-    moved = replace(now.pose, x_mm=now.pose.x_mm - before.pose.x_mm, y_mm=now.pose.y_mm - before.pose.y_mm)
-    carried = before.tangential_mm + rigid_displacement_mm(origin, moved, positions)
-    weight = np.where(before.pressure_mpa > 0, now.pressure_mpa, 0)
-    slid = carried - now.tangential_mm
-    speed = HZ * float(np.linalg.norm((weight * slid).sum(axis=(1, 2)) / max(weight.sum(), 1e-12)))
-    share = 1 - press.slip_share
-    if share < SLIDES_BELOW_SHARE and speed > SLIDES_ABOVE_MM_PER_S:
-        return Truth(SlipState.GROSS, share, speed)
-    return Truth(SlipState.INCIPIENT if share < INCIPIENT_BELOW_SHARE else SlipState.STATIC, share, speed)
+@dataclass(frozen=True)
+class Hold:
+    """Displacement and force of an object that moves to its last pose and is held there."""
+
+    moving: np.ndarray
+    """The images until then, (n, 5)."""
+    periods: np.ndarray
+    """Periods of a light that flickers, less their mean, (periods, images, 5)."""
+    levels: np.ndarray
+    """The mean at each of `HELD_S`, (times, 5)."""
+
+    def after(self, seconds: float, seed: int) -> np.ndarray:
+        """Return a hold of this length, of periods in any order."""
+        rng, images = np.random.default_rng(seed), round(seconds * HZ)
+        order = rng.integers(0, len(self.periods), images // self.periods.shape[1] + 1)
+        noise = np.concatenate(self.periods[order])[:images]
+        times = np.log1p(np.arange(images) / HZ)
+        crept = [np.interp(times, np.log1p(HELD_S), level) for level in self.levels.T]
+        return np.concatenate([self.moving, noise + np.stack(crept, axis=1)])
 
 
-def hold(rig: Rig, indenter: Indenter, poses: list[Pose], images: int) -> np.ndarray:
-    """Return displacement and force in every image of an object that moves to its last pose and is held there, under light that
-    flickers."""
-    tracker, last, rows = ContactTracker(), None, []
+def hold(rig: Rig, indenter: Indenter, poses: list[Pose], periods: int, is_load_held: bool) -> Hold:
+    """Return the hold of an object at its last pose, or under the load that it has there."""
+    tracker, last, rows, images = ContactTracker(), None, list[np.ndarray](), round(HZ / FLICKER_HZ)
     rig.estimator.forget()
-    for number, pose in enumerate(poses + [poses[-1]] * images):
-        if number < len(poses):
-            last = rig.twin.press(last, indenter, pose)
-        assert last is not None
-        is_held = number >= len(poses)
-        phase = 2 * np.pi * FLICKER_HZ * number / HZ
-        reading = rig.read(last, number, 1 + is_held * FLICKER * float(np.sin(phase)))
+
+    def see(press: Press, light: float) -> np.ndarray:
+        reading = rig.read(press, len(rows), light)
         found = tracker.update(reading)
         force_n = np.zeros(3) if reading.wrench is None else reading.wrench.force_n
         rows.append(np.concatenate([found.displacement_mm, force_n]))
-    return np.array(rows)
+        return rows[-1]
+
+    for pose in poses:
+        last = rig.twin.press(last, indenter, pose, after_s=1 / HZ)
+        see(last, 1.0)
+    assert last is not None
+    flicker = 1 + FLICKER * np.sin(2 * np.pi * np.arange(periods * images + SETTLING) / images)
+    held = np.array([see(last, float(light)) for light in flicker])[SETTLING:]
+    levels, load_n = [held.mean(axis=0)], float(last.load_n) if is_load_held else None
+    for after_s in np.diff(HELD_S):
+        last = rig.twin.press(last, indenter, last.pose, load_n, after_s=float(after_s))
+        levels.append(np.mean([see(last, 1.0) for _ in range(4)], axis=0))
+    periods_of_hold = (held - levels[0]).reshape(periods, images, -1)
+    return Hold(np.array(rows[: len(poses)]), periods_of_hold, np.array(levels))
 
 
-def alarms_in_hold(rows: np.ndarray, moving: int, seconds: float, seed: int) -> int:
-    """Return the number of gross slips in a long hold: periods of flicker of a short one in any order, while the load creeps."""
-    rng, estimator, alarms, was_gross = np.random.default_rng(seed), SlipEstimator(), 0, False
-    held = rows[moving + SETTLING :]
-    period = round(HZ / FLICKER_HZ)
-    blocks = rng.integers(0, len(held) // period, round(seconds * FLICKER_HZ))
-    order = np.concatenate([np.arange(period) + period * block for block in blocks])
-    level = held.mean(axis=0)
-    for number, row in enumerate(np.concatenate([rows[:moving], held[order]])):
-        after_s = max(number - moving, 0) / HZ
-        crept = 1 - CREEP * np.log1p(after_s / 10) / np.log1p(360)
-        row = row + (crept - 1) * np.concatenate([np.zeros(2), level[2:]])
-        found = estimator.update(number / HZ, row[:2], CONTACT_CENTRE_STD_MM, row[2:4], -row[4], load_std_n(row[4]))
+def alarms_in_hold(rows: np.ndarray, moving: int) -> int:
+    """Return the number of gross slips after an object has come to rest."""
+    estimator, alarms, was_gross = SlipEstimator(), 0, False
+    for number, row in enumerate(rows):
+        normal_n = -float(row[4])
+        errors = CONTACT_CENTRE_STD_MM, load_std_n(normal_n)
+        found = estimator.update(SlipSample((number + 1) / HZ, row[:2], row[2:4], normal_n, *errors))
         alarms += found.state == SlipState.GROSS and not was_gross and number > moving + SETTLING
         was_gross = found.state == SlipState.GROSS
     return alarms
@@ -247,7 +184,7 @@ def press_fingertips(rig: Rig, presses: int, seed: int) -> Fingertips:
         for part in (0.0, 0.5, 1.0):
             offset_mm = np.array([part * x_mm, part * y_mm])
             last = rig.twin.press(last, indenter, Pose(*(middle_mm + offset_mm).tolist(), depth_mm))
-            found = find_contacts(rig.read(last, images))
+            found = rig.read(last, images).contacts
             images += 1
             if len(found) != len(centres_mm):
                 continue
@@ -316,7 +253,7 @@ def onsets(steps: Sequence[Step]) -> list[Onset]:
 
 def states_of(step: Step) -> tuple[SlipState, SlipState]:
     """Return the true state and the state that was found."""
-    return step.truth.state, step.found.slip.state
+    return SlipState(step.truth.state), step.found.slip.state
 
 
 def confusion(sequences: Sequence[Sequence[Step]]) -> np.ndarray:
@@ -338,32 +275,37 @@ def friction_error(steps: Sequence[Step], friction: float) -> float | None:
     """Return the relative error of friction after 2 mm of slip; None where the object did not slide so far."""
     after_mm = 0.0
     for step in steps:
-        after_mm += step.truth.speed / HZ if step.truth.state == SlipState.GROSS else 0.0
+        after_mm += step.truth.speed_mm_s / HZ if step.truth.state == SlipState.GROSS else 0.0
         if after_mm > 2 and np.isfinite(step.found.slip.friction):
             return step.found.slip.friction / friction - 1
     return None
 
 
-def slip(out: Path = Path("out/own_twin_presses"), quick: bool = False, json: bool = False) -> None:
+def slip(
+    out: Path = Path("out/own_twin_presses"), held_out: bool = False, quick: bool = False, json: bool = False
+) -> None:
     """Let every object slip on every sensor."""
     figures: list[Figure] = []
-    for name in SENSORS[: 1 if quick else None]:
+    for name in (HELD_OUT if held_out else SENSORS)[: 1 if quick else None]:
         if not (out / name).is_dir():
-            save_sensor(out / name, calibrated(name, "physics"))
+            if held_out:
+                calibrate_twin(twins_of_real_fits()[name], out / name)
+            else:
+                save_sensor(out / name, calibrated(name, "physics"))
         figures += measure(name, load_sensor(out / name), quick)
     answer("Slip, friction and contacts on a sensor's own twin", figures, json)
 
 
 def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
     """Return the figures of one sensor."""
-    sequences, errors, spent_s = list[list[Step]](), list[float](), 0.0
+    sequences, turned, errors, spent_s = list[list[Step]](), list[list[Step]](), list[float](), 0.0
     for item, friction, depth_mm in OBJECTS[: 1 if quick else None]:
         rig, indenter = Rig(sensor, friction), indenter_from_name(item)
-        kinds = motions(depth_mm, 6.0, friction)
-        for kind in ("there",) if quick else kinds:
-            steps = list(follow(rig, indenter, kinds[kind]))
+        settings = MotionSettings(Pose(*START_MM, depth_mm), SPEED_MM_S, friction)
+        for kind in ("slide", "twist") if quick else MOTION_KINDS:
+            steps = list(follow(rig, indenter, settings, kind))
             spent_s += sum(step.found_in_s for step in steps)
-            sequences.append(steps)
+            (sequences if kind in DRAGGED else turned).append(steps)
             error = friction_error(steps, friction)
             errors += [] if error is None else [error]
     counts = confusion(sequences)
@@ -377,6 +319,7 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
     return [
         at_least(f"{name}: macro-F1 of static, incipient, gross", float(f1_scores(counts).mean()), 0.85, peer=0.53),
         Figure(f"{name}: F1", ", ".join(names)),
+        Figure(f"{name}: macro-F1 of twist, roll and regrasp", float(f1_scores(confusion(turned)).mean())),
         Figure(f"{name}: images by true state, as static, incipient, gross", "; ".join(str(row) for row in counts)),
         at_most(
             f"{name}: onset of gross slip noticed after, median",
@@ -397,23 +340,40 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
         Figure(f"{name}: friction after 2 mm, mean error", float(np.mean(errors or [0.0]))),
         at_least(f"{name}: 1 to 4 fingertips, number right", tips.right / tips.images, 0.98),
         at_least(f"{name}: skill of F_z of each fingertip", float(skill[2]), 0.85),
+        Figure(
+            f"{name}: load of a ball over the true one, at once and held for 20 min",
+            ", ".join(f"{ratio:.2f}" for ratio in held_load_ratios(sensor)),
+        ),
         Figure(f"{name}: skill of F_x, F_y of each fingertip", f"{skill[0]:.3f}, {skill[1]:.3f}"),
-        Figure(f"{name}: contacts, motion and slip, ms of processor time", 1e3 * spent_s / sum(map(len, sequences))),
+        Figure(
+            f"{name}: contacts, motion and slip, ms of processor time",
+            1e3 * spent_s / sum(map(len, sequences + turned)),
+        ),
     ]
 
 
+def held_load_ratios(sensor: SensorFolder) -> tuple[float, float]:
+    """Return the load that is read of a ball over the true one: at once, and after it was held for 20 minutes."""
+    rig, indenter, pose = Rig(sensor), indenter_from_name("ball:5"), Pose(depth_mm=HELD_DEPTH_MM)
+    press = rig.twin.press(None, indenter, pose)
+    held = rig.twin.press(press, indenter, pose, after_s=float(HELD_S[-1]))
+    read_n = [float(rig.estimator.estimate(rig.read(one, 0)).wrench.force_n[2]) for one in (press, held)]
+    return read_n[0] / float(press.wrench.force_n[2]), read_n[1] / float(held.wrench.force_n[2])
+
+
 def measure_false_alarms(sensor: SensorFolder, quick: bool) -> tuple[float, int]:
-    """Return the hours of holding, and the gross slips in them: pressed, dragged half-way, and after a slide."""
+    """Return the hours of holding, and the gross slips in them.
+
+    Objects are pressed, dragged half-way, or have slid, and are held at their depth or under their load.
+    """
     rig, indenter = Rig(sensor, 0.6), indenter_from_name("ball:5")
-    kinds = motions(HELD_DEPTH_MM, 6.0, 0.6)
-    seconds, alarms = 3.0 if quick else 1200.0, 0
-    there = kinds["there"]
-    assert isinstance(there, list)
-    ends = (22, 28, len(there))[: 1 if quick else None]
-    for number, end in enumerate(ends):
-        rows = hold(rig, indenter, there[:end], round((2 if quick else 12) * HZ))
-        alarms += alarms_in_hold(rows, end, seconds, number)
-    return len(ends) * seconds / 3600, alarms
+    there = MotionSettings(Pose(*START_MM, HELD_DEPTH_MM), SPEED_MM_S, 0.6).poses("slide")
+    seconds, alarms = 3.0 if quick else HELD_S[-1], 0
+    holds = [(end, is_load_held) for end in (22, 28, len(there)) for is_load_held in (False, True)]
+    for number, (end, is_load_held) in enumerate(holds[: 1 if quick else None]):
+        found = hold(rig, indenter, there[:end], 1 if quick else 6, is_load_held)
+        alarms += alarms_in_hold(found.after(seconds, number), end)
+    return (1 if quick else len(holds)) * seconds / 3600, alarms
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
-"""Slip from rectified images of sensors without a calibration: presses with a drag on twins that differ from the published sensor
-in gel, light, view and friction, in small compressed images, every fourth sequence as a video,
-judged by the macro F1 of static, incipient and gross slip.
+"""Slip from rectified images of sensors without a calibration: the motions of `simulation.object_motions`, which also says what the
+true slip is, on twins that differ from the published sensor in gel, light, view and friction, in small compressed images, every
+fourth sequence as a video, judged by the macro F1 of static, incipient and gross slip.
 
-Truth is that of the contact model. *Gross*: all of the contact slips while the object moves. *Incipient*: more than 0.3 of its area
-slips under a shear force above 0.3 of what friction holds. Images without contact, and those at rest after sliding, are not judged.
-Constants were chosen on one half of objects, sizes and sensors; figures are of the other.
+Images without contact are not judged. Constants were chosen on one half of objects, sizes and sensors; figures are of the other.
 """
 
 from dataclasses import dataclass, replace
@@ -22,12 +20,15 @@ from ninedtact.capture.video_file import VideoFile
 from ninedtact.design import Gel, rectified_mm_per_px
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
-from ninedtact.rectified_images import RectifiedTracker, open_rectified, read_reference_frames
+from ninedtact.rectified_images import open_rectified
+from ninedtact.reference_frames import read_reference_frames
 from ninedtact.simulation.gel_brightness import FITTED_PARAMETERS, BrightnessModel, synthetic_reference_image
+from ninedtact.simulation.object_motions import HZ, MOTION_KINDS, MotionSettings, play_motion
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import Twin
+from ninedtact.tracking import SequenceTracker
 
 DEVELOP, REPORT = 0, 1
 """The halves: constants were chosen on sequences of the first; figures are of the second."""
@@ -38,10 +39,10 @@ OBJECTS = (
 SIZES = ((80, 60), (160, 120), (240, 180)), ((60, 44), (108, 80), (320, 240))
 RENDERED_COLS = 320
 PITCH_MM = 0.4
-MAX_STEP_MM = 0.3
-"""Largest movement between two solutions of the contact."""
-SLIDES, PARTLY = 0.97, 0.3
-"""Share of the contact that slips, and of the shear that friction holds, from which slip is gross, and incipient."""
+STRIDES = 6, 4, 2, 1
+"""Images of a motion from one to the next in a sequence, which has 10 to 60 images per second."""
+UNTOUCHED_S, UNTOUCHED_IMAGES = (0.3, 0.6), 6
+"""Time without contact at the beginning, and images in it at least."""
 
 
 def slip_without_calibration(sequences: int = 60, half: int = REPORT, quick: bool = False, json: bool = False) -> None:
@@ -96,7 +97,7 @@ def judge(drag: "Drag") -> Judged:
     began = process_time()
     source = ImageSequence(drag.images, drag.rate_hz)
     with open_rectified(source, read_reference_frames(source).frames) as sensor:
-        tracker = RectifiedTracker()
+        tracker = SequenceTracker()
         for reading in sensor:
             tracker.add(reading)
         images = tracker.finish()
@@ -171,28 +172,10 @@ class Drag:
     """x, y and depth of the object in mm, (n, 3)."""
     forces_n: np.ndarray
     """(n, 3)."""
-    slipping: np.ndarray
-    """Share of the contact that slips; not a number without contact."""
-    friction: float
+    labels: list[str]
+    """The true slip of each image; empty where it is not judged."""
     mm_per_px: float
-
-    item: str = ""
-
-    @property
-    def labels(self) -> list[str]:
-        """The true slip of each image; empty where it is not judged."""
-        moved = np.linalg.norm(np.diff(self.poses[:, :2], axis=0, prepend=self.poses[:1, :2]), axis=1) * self.rate_hz
-        held = np.maximum(-self.forces_n[:, 2] * self.friction, 1e-9)
-        shear = np.linalg.norm(self.forces_n[:, :2], axis=1) / held
-        return [_true_slip(*each) for each in zip(moved, shear, self.slipping, strict=True)]
-
-
-def _true_slip(speed_mm_s: float, shear: float, slipping: float) -> str:
-    if np.isnan(slipping):
-        return ""
-    if slipping >= SLIDES and shear > SLIDES - 0.07:
-        return "gross" if speed_mm_s > 0.05 else ""
-    return "incipient" if slipping > PARTLY and shear > PARTLY else "static"
+    item: str
 
 
 def simulate_drag(number: int, half: int) -> Drag:
@@ -200,40 +183,31 @@ def simulate_drag(number: int, half: int) -> Drag:
     rng = np.random.default_rng([number, half])
     size = SIZES[half][number % len(SIZES[half])]
     item = OBJECTS[half][number % len(OBJECTS[half])]
-    twin = twin_of(rng)
-    rate_hz, speed_mm_s = float(rng.choice([10, 15, 30, 60])), float(np.exp(rng.uniform(0, np.log(30))))
-    depth_mm = rng.uniform(0.25, 0.75)
-    angle, start = rng.uniform(0, 2 * np.pi), rng.uniform(-1.5, 1.5, 2)
-    far_mm = np.exp(rng.uniform(np.log(0.3), np.log(4.0)))
-    poses = drag_path(rng, start, angle, depth_mm, far_mm, speed_mm_s, rate_hz)
-    indenter, last = indenter_from_name(item), None
+    kind, stride = MOTION_KINDS[number // len(OBJECTS[half]) % len(MOTION_KINDS)], int(rng.choice(STRIDES))
+    twin, rate_hz, speed_mm_s = twin_of(rng), HZ / stride, float(np.exp(rng.uniform(np.log(1.5), np.log(30))))
+    (x, y), (twist, direction) = rng.uniform(-1.5, 1.5, 2).tolist(), rng.uniform(0, 2 * np.pi, 2).tolist()
+    settings = MotionSettings(Pose(x, y, rng.uniform(0.25, 0.75), twist), speed_mm_s, twin.friction, direction)
+    steps = list(play_motion(twin, indenter_from_name(item), settings.motion(kind)))[::stride]
+    untouched = max(round(rng.uniform(*UNTOUCHED_S) * rate_hz), UNTOUCHED_IMAGES)
     noise, quality, drift = rng.uniform(0.4, 1.5), int(rng.integers(75, 99)), rng.normal(0, 0.004)
-    images, forces, slipping, before = [], [], [], poses[0]
-    for index, pose in enumerate(poses):
-        between = max(int(np.ceil(np.abs(pose - before).max() / MAX_STEP_MM)), 1)
-        for part in range(1, between + 1):
-            x, y, depth = (before + (pose - before) * part / between).tolist()
-            last = twin.press(last, indenter, Pose(x, y, depth, angle))
-        before = pose
-        touches = last.touches
-        forces.append(last.wrench.force_n if touches else np.zeros(3))
-        slipping.append(last.slip_share if touches else np.nan)
-        image = twin.renderer.render_without_noise(last.corrected) if touches else twin.renderer.reference
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * (1 + drift * index / len(poses))
+    images, count = list[np.ndarray](), untouched + len(steps)
+    for index, step in enumerate([None] * untouched + steps):
+        touches = step is not None and step.press.touches
+        image = twin.renderer.render_without_noise(step.press.corrected) if touches else twin.renderer.reference
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) * (1 + drift * index / count)
         noisy = np.clip(small + rng.normal(0, noise, small.shape[:2])[..., None], 0, 255).astype(np.uint8)
         images.append(noisy)
-    reach = twin.renderer.pixel_map.reach_mm[0]
+    poses = [(step.press.pose.x_mm, step.press.pose.y_mm, step.press.pose.depth_mm) for step in steps]
     return Drag(
-        f"{item} {size[0]}x{size[1]} {rate_hz:.0f} Hz {speed_mm_s:.1f} mm/s far {far_mm:.1f} μ {twin.friction:.2f}",
+        f"{item} {kind} {size[0]}x{size[1]} {rate_hz:.0f} Hz {speed_mm_s:.1f} mm/s μ {twin.friction:.2f}",
         store_as_video(images, rate_hz)
         if number % 4 == 3
         else np.array([store_as_jpeg(one, quality) for one in images]),
         rate_hz,
-        poses,
-        np.array(forces, float),
-        np.array(slipping, float),
-        twin.friction,
-        2 * reach / size[0],
+        np.array([poses[0]] * untouched + poses, float),
+        np.concatenate([np.zeros((untouched, 3)), [step.press.wrench.force_n for step in steps]]),
+        [""] * untouched + ["" if step.slip.state == "unknown" else step.slip.state for step in steps],
+        2 * twin.renderer.pixel_map.reach_mm[0] / size[0],
         item,
     )
 
@@ -255,33 +229,6 @@ def store_as_video(images: list[np.ndarray], rate_hz: float) -> np.ndarray:
         video.release()
         with VideoFile(path) as source:
             return np.array([cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY) for frame in source])
-
-
-def drag_path(
-    rng: np.random.Generator,
-    start: np.ndarray,
-    angle: float,
-    depth_mm: float,
-    far_mm: float,
-    speed_mm_s: float,
-    rate_hz: float,
-) -> np.ndarray:
-    """Return the positions of a press with a drag, and with a drag back in every third."""
-    along = np.array([np.cos(angle), np.sin(angle)])
-    above, down = np.array([*start, -0.3]), np.array([*start, depth_mm])
-    dragged = down + np.array([*(far_mm * along), 0])
-    stations = [(above, 0.0), (above, max(rng.uniform(0.3, 0.6), 6 / rate_hz)), (down, rng.uniform(0.3, 1.0))]
-    stations += [(down, rng.uniform(0.1, 0.5)), (dragged, max(far_mm / speed_mm_s, 3 / rate_hz))]
-    stations += [(dragged, rng.uniform(0.1, 0.4))]
-    if rng.random() < 1 / 3:
-        back = dragged - np.array([*(1.5 * far_mm * along), 0])
-        stations += [(back, max(1.5 * far_mm / speed_mm_s, 3 / rate_hz))]
-    if rng.random() < 0.5:
-        stations += [(stations[-1][0] - [0, 0, depth_mm + 0.3], 0.4)]
-    ends = np.cumsum([seconds for _, seconds in stations])
-    times = np.arange(0, ends[-1], 1 / rate_hz)
-    places = np.array([place for place, _ in stations])
-    return np.column_stack([np.interp(times, ends, axis) for axis in places.T])
 
 
 def twin_of(rng: np.random.Generator) -> Twin:

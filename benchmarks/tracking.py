@@ -2,9 +2,11 @@
 and whether what cannot be seen is claimed.
 
 Each object is pressed 0.5 mm deep and moved in steps of (0.1, 0.05) mm, turned by 2° and tilted by 0.1° a step. Errors are those of
-the point in the middle of the first contact. The turn of balls and flat round faces cannot be seen.
+the point in the middle of the first contact. The turn of balls and flat round faces cannot be seen. Heads of screws are also turned
+once around in steps of 10°.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
@@ -25,10 +27,11 @@ from ninedtact.tracking import ObjectTracker, RigidMotion
 SENSORS = "sensor_a", "sensor_i"
 TEXTURED = "key_05", "key_11", "letter_03", "letter_17", "gear_07", "spanner_02", "cross_03", "text_02"
 FEATURELESS = "ball:4", "ball:8", "punch"
+TURNED, TURN_DEPTH_MM, TURN_STEP_DEG = ("cross_02", "cross_03", "cross_05", "spline_01", "letter_03"), 0.35, 10
 DEPTH_MM, STEPS = 0.5, 14
 WITHIN_ONE, WITHIN_TWO = (0.60, 0.78), (0.90, 0.98)
-CLAIMED_DEG = 45.0
-"""Standard deviation of the turn below which it counts as claimed."""
+CLAIMED_DEG, CLAIMED_MM = 45.0, 1.0
+"""Standard deviations of a turn and of a displacement below which it counts as claimed."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,8 @@ class Followed:
     errors: np.ndarray
     std: np.ndarray
     ms: float
+    turned_deg: np.ndarray
+    """Turn about z since the image before, and the true one."""
 
 
 def tracking(out: Path = Path("out/own_twin_presses"), quick: bool = False, json: bool = False) -> None:
@@ -48,21 +53,34 @@ def tracking(out: Path = Path("out/own_twin_presses"), quick: bool = False, json
             save_sensor(out / name, calibrated(name, "physics"))
         sensor = load_sensor(out / name)
         steps = 2 if quick else STEPS
-        textured = [follow(sensor, item, steps) for item in TEXTURED[: 1 if quick else None]]
-        plain = [follow(sensor, item, steps) for item in FEATURELESS[: 1 if quick else None]]
-        figures += figures_of(name, textured, plain)
+        textured = [follow(sensor, item, drag_and_turn(steps)) for item in TEXTURED[: 1 if quick else None]]
+        plain = [follow(sensor, item, drag_and_turn(steps)) for item in FEATURELESS[: 1 if quick else None]]
+        around = range(0, 21 if quick else 361, TURN_STEP_DEG)
+        turned = [follow(sensor, item, turn_around(around)) for item in TURNED[: 1 if quick else None]]
+        figures += [*figures_of(name, textured, plain), *figures_of_turns(name, textured, turned)]
     answer("Objects followed on a sensor's own twin", figures, json)
 
 
-def follow(sensor: SensorFolder, item: str, steps: int) -> Followed:
+def drag_and_turn(steps: int) -> list[Pose]:
+    """Return the poses of an object that is dragged, turned and tilted."""
+    return [
+        Pose(-0.4 + 0.1 * step, -0.3 + 0.05 * step, DEPTH_MM, np.radians(2.0 * step), np.radians(0.1 * step))
+        for step in range(steps + 1)
+    ]
+
+
+def turn_around(angles_deg: Iterable[int]) -> list[Pose]:
+    """Return the poses of an object that is turned in place."""
+    return [Pose(0.1, -0.1, TURN_DEPTH_MM, np.radians(angle_deg)) for angle_deg in angles_deg]
+
+
+def follow(sensor: SensorFolder, item: str, poses: list[Pose]) -> Followed:
     """Return how an object was followed."""
     twin, shape, tracker = sensor.twin(), sensor.shape, ObjectTracker()
     reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(8)))
     indenter, last, first, spent = indenter_from_name(item), None, None, 0.0
-    errors, std = [], []
-    for step in range(steps + 1):
-        angle = np.radians(2.0 * step)
-        pose = Pose(-0.4 + 0.1 * step, -0.3 + 0.05 * step, DEPTH_MM, angle, np.radians(0.1 * step))
+    errors, std, turned_deg, before = [], [], [], None
+    for step, pose in enumerate(poses):
         last = twin.press(last, indenter, pose)
         frame = Frame(twin.renderer(last.corrected, step))
         began = process_time()
@@ -72,11 +90,17 @@ def follow(sensor: SensorFolder, item: str, steps: int) -> Followed:
         if first is None:
             first, point_mm = at, found.position_mm
         elif found.is_known:
+            if before is not None and np.degrees([before[0].std[5], found.std[5]]).max() < CLAIMED_DEG:
+                steps_rad = (found.motion.after(before[0].motion.inverse).yaw_rad, at.after(before[1].inverse).yaw_rad)
+                turned_deg.append(np.degrees(steps_rad))
             errors.append(found.motion.difference(at.after(first.inverse), point_mm))
             std.append(found.std)
         else:
             print(f"{item}: {found.state} ({found.reason}) at step {step}")
-    return Followed(np.array(errors), np.array(std), 1e3 * spent / (steps + 1))
+        before = (found, at) if found.is_known else None
+    numbers = (np.array(part).reshape(-1, width) for part, width in ((errors, 6), (std, 6), (turned_deg, 2)))
+    errors_of_all, std_of_all, turned = numbers
+    return Followed(errors_of_all, std_of_all, 1e3 * spent / len(poses), turned)
 
 
 def figures_of(name: str, textured: list[Followed], plain: list[Followed]) -> list[Figure]:
@@ -87,6 +111,9 @@ def figures_of(name: str, textured: list[Followed], plain: list[Followed]) -> li
     yaw_deg = np.degrees(np.abs(errors[is_seen, 5]))
     deviation = np.abs(errors / std)
     claims = sum(int((np.degrees(one.std[:, 5]) < CLAIMED_DEG).sum()) for one in plain)
+    off_mm = np.concatenate([np.linalg.norm(one.errors[:, :2], axis=1) for one in plain])
+    off_std_mm = np.concatenate([one.std[:, :2].max(axis=1) for one in plain])
+    false_mm = int(((off_std_mm < CLAIMED_MM) & (off_mm > np.maximum(3 * off_std_mm, 0.1))).sum())
     return [
         at_most(f"{name}: translation, median, mm", float(np.median(shift_mm)), 0.05, "mm"),
         Figure(f"{name}: translation, largest, mm", float(shift_mm.max())),
@@ -102,11 +129,32 @@ def figures_of(name: str, textured: list[Followed], plain: list[Followed]) -> li
             for share in [float((deviation < times).mean())]
         ),
         at_most(f"{name}: images of balls and round punches on which a turn is claimed", claims, 0),
+        at_most(f"{name}: images of these on which a displacement is claimed that is wrong by 3 σ", false_mm, 0),
         at_least(
             f"{name}: images per second of processor time, heights included",
             1e3 / float(np.mean([one.ms for one in textured])),
             100,
         ),
+    ]
+
+
+def figures_of_turns(name: str, textured: list[Followed], turned: list[Followed]) -> list[Figure]:
+    """The error after one turn about z, and how often the sense of a step of rotation is right."""
+    ends_deg = [np.degrees(one.errors[-1, 5]) for one in turned if np.degrees(one.std[-1, 5]) < CLAIMED_DEG]
+    steps = np.concatenate([one.turned_deg for one in (*textured, *turned)])
+    right = float((np.sign(steps[:, 0]) == np.sign(steps[:, 1])).mean())
+    return [
+        at_most(
+            f"{name}: drift after one turn in steps of {TURN_STEP_DEG}°, largest, °",
+            max(map(abs, ends_deg), default=float("nan")),
+            1.0,
+            "°",
+        ),
+        Figure(
+            f"{name}: objects that were turned around whose turn is seen at the end",
+            f"{len(ends_deg)} of {len(turned)}",
+        ),
+        at_least(f"{name}: sense of rotation right, of {len(steps)} steps", right, 0.99),
     ]
 
 

@@ -23,7 +23,7 @@ from ninedtact.calibration.ball.ball_press import find_ball_press, find_second_p
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.certificate.checks import compute_certificate_checks, press_through_gel_warnings
 from ninedtact.calibration.certificate.length_evidence import assess_stated_lengths
-from ninedtact.calibration.fit_tables import make_second_ball_quality
+from ninedtact.calibration.fits_to_sensor_toml import make_second_ball_quality
 from ninedtact.calibration.sensor_toml_schema import Certificate
 from ninedtact.calibration.twin.ball_press_fit import fit_twin_to_ball_press
 from ninedtact.design import BallGauge

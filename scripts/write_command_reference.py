@@ -35,6 +35,7 @@ EXAMPLES = {
     "simulate press": "--object gear_07 --load-n 10 --out out/gear",
     "simulate objects": "",
     "simulate dataset": "--out pairs --pairs 10000 --sensors 20 --objects 175",
+    "simulate sequences": "--out sequences --sequences 160 --sensors 20",
     "collect": "--sensor my_sensor --source 0 --force-torque netft:192.168.1.1 --out pairs.mcap",
     "record": "--sensor my_sensor --source 0 --force physics --out press.mcap",
     "info": "press.mcap",

@@ -188,22 +188,22 @@ def run_forked(work: Callable[[Path], int], folder: Path, unprivileged: bool = F
             _work_and_leave(work, out, unprivileged)
         signal.signal(signal.SIGALRM, lambda *_: os.kill(child, signal.SIGKILL))
         signal.alarm(10 * LONGEST_S)
-        began_bytes = _resident_bytes(child)
         _, status, used = os.wait4(child, 0)
         signal.alarm(0)
         printed, complaints = ((out / each).read_text(errors="replace") for each in ("stdout", "stderr"))
-        grown_bytes = 1024 * used.ru_maxrss - began_bytes
+        grown_bytes = 1024 * used.ru_maxrss - int((out / "began").read_text())
         return Run(os.waitstatus_to_exitcode(status), printed, complaints, used.ru_utime + used.ru_stime, grown_bytes)
 
 
-def _resident_bytes(process: int) -> int:
-    """Return the memory of a process that was just forked, which is that of this one."""
-    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1]) if sys.platform == "linux" else 0
+def _resident_bytes() -> int:
+    """Return the memory of this process."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1]) if sys.platform == "linux" else 0
     return pages * resource.getpagesize()
 
 
 def _work_and_leave(work: Callable[[Path], int], out: Path, unprivileged: bool) -> None:
     """Work in the child and end it; a traceback is exit code 70."""
+    (out / "began").write_text(str(_resident_bytes()))
     code = 70
     try:
         for number, name in ((1, "stdout"), (2, "stderr")):

@@ -177,7 +177,10 @@ def python_blocks(page: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
 
 
-EXAMPLES = [*python_blocks("api.md"), *(block for block in python_blocks("simulators.md") if "my_sensor" in block)]
+EXAMPLES = [
+    *python_blocks("api.md"),
+    *(block for block in python_blocks("simulators.md") if re.search("my_sensor|torch", block)),
+]
 PREPARE = """
 import cv2, pathlib
 from ninedtact.cli import main
@@ -195,7 +198,8 @@ def test_the_examples_of_the_api_show_every_public_name_and_run(tmp_path: Path) 
     first, *examples = EXAMPLES
     calibrate = next(example for example in examples if "ninedtact.calibrate(" in example)
     rest = [example for example in examples if example != calibrate]
-    (tmp_path / "examples.py").write_text("\n".join([first, PREPARE, calibrate, *rest]), encoding="utf-8")
+    script = "\n".join([first, PREPARE, calibrate, *rest]).replace("many, device = 1024", "many, device = 4")
+    (tmp_path / "examples.py").write_text(script, encoding="utf-8")
     ran = subprocess.run([sys.executable, "examples.py"], cwd=tmp_path, capture_output=True, text=True, timeout=240)
     assert ran.returncode == 0, ran.stderr
     assert "all images are read" in ran.stdout and "expected a sensor folder" in ran.stdout

@@ -120,6 +120,13 @@ def test_a_grip_that_tightens_before_slip_holds(real_data: Path, physical_sensor
     assert number(r"\ntightened: slid in (\d+)", said) == 0
 
 
+@pytest.mark.parametrize("screw", ["cross_02", "cross_03"])
+def test_three_turns_of_a_screw_are_counted(screw: str, real_data: Path, physical_sensor: SensorFolder) -> None:
+    said = run("10_count_turns.py", real_data, "--sensor", physical_sensor.path, "--screw", screw)
+    assert number(r"grip 9: ([\d.]+)°", said) == pytest.approx(1080, abs=3)
+    assert number(r"([\d.]+) turns", said) == pytest.approx(3, abs=0.009)
+
+
 def test_the_tour_runs_with_the_public_names_and_its_page_is_what_it_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

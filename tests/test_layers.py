@@ -18,7 +18,14 @@ SOURCES = {path.name: path for path in PACKAGES.glob("*/src/*") if (path / "__in
 LAYERS = {
     "ninedtact": [
         {"_version", "errors"},
-        {"atomic_write", "bounds_and_checked_reading", "limited_process", "required_libraries"},
+        {
+            "atomic_write",
+            "bounds_and_checked_reading",
+            "csv_table",
+            "limited_process",
+            "required_libraries",
+            "robust_noise",
+        },
         {"parallel_jobs"},
         {"quantities", "design"},
         {"mechanics", "capture"},
@@ -26,7 +33,7 @@ LAYERS = {
         {"reading"},
         {"force", "simulation", "tracking"},
         {"calibration", "stream_memory"},
-        {"reference_images"},
+        {"reference_images", "reference_frames"},
         {"recording", "sensor"},
         {"source_addresses", "rectified_images"},
         {"open_sensor", "live"},

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ninedtact.force.contact_detection import ContactThreshold, correlated_noise_limit, measure_smooth_noise
+from ninedtact.force.contact_detection import (
+    ContactThreshold,
+    correlated_noise_limit,
+    detect_contact,
+    find_faint_contact,
+    measure_smooth_noise,
+)
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
 from ninedtact.reading import Reading
 from ninedtact.stream_memory import StreamLearner, find_flicker
@@ -53,6 +59,41 @@ def test_noise_over_the_view_is_learnt_and_a_light_contact_is_not() -> None:
     assert learner.memory.learnt_s == pytest.approx(11)
     threshold = ContactThreshold()
     learnt = replace(reading_of(SKIN), stream=learner.memory)
-    memory = learner.memory
-    assert 1.5 * memory.noise < memory.darkening < 4 * memory.noise
-    assert correlated_noise_limit(learnt, threshold) == pytest.approx(threshold.learnt_darkenings * memory.darkening)
+    assert correlated_noise_limit(learnt, threshold) == pytest.approx(threshold.stream_noises * learner.memory.noise)
+
+
+def test_a_faint_contact_is_found_at_the_third_image_where_every_image_has_new_noise() -> None:
+    """The noise is that of blocks of motion JPEG, and five times as much of it where contacts cannot be told."""
+    rng, learner = np.random.default_rng(3), StreamLearner()
+    strength = np.where(ACROSS > 300, 0.01, 0.002)
+
+    def blocks() -> np.ndarray:
+        return np.kron(rng.normal(0, 1, (44, 58)), np.ones((8, 8)))[:345, :460] * strength
+
+    def found(second: float, change: np.ndarray) -> tuple[bool, bool]:
+        reading = replace(reading_of(SKIN * (1 + change), second), stream=learner.memory)
+        faint, any_found = find_faint_contact(reading) is not None, detect_contact(reading)
+        learner.remember(reading)
+        if not any_found and second < 100:
+            learner.learn_noise(reading)
+        return faint, any_found
+
+    assert not any(one for second in range(100) for one in found(second, blocks()))
+    cells = learner.memory.cell_noise
+    assert cells is not None and cells.is_known and cells.images > 90
+    dent = -0.008 * np.exp(-((DOWN - 170) ** 2 + (ACROSS - 150) ** 2) / 600)
+    assert [found(100 + at, blocks() + dent)[0] for at in range(5)] == [False, False, True, True, True]
+    assert found(105, blocks()) == (False, False), "a contact that ended is not seen any longer"
+    assert not any(found(106 + at, blocks() + np.roll(dent, 230, axis=1) / 2)[0] for at in range(5))
+
+
+def test_noise_that_images_share_tells_nothing_of_the_next_group_of_pictures() -> None:
+    rng, learner = np.random.default_rng(0), StreamLearner()
+    for second in range(60):
+        if second % 12 == 0:
+            of_group = np.kron(rng.normal(0, 0.002, (44, 58)), np.ones((8, 8)))[:345, :460]
+        reading = reading_of(SKIN * (1 + of_group + 1e-4 * rng.normal(0, 1, SKIN.shape)), second)
+        learner.remember(reading)
+        learner.learn_noise(reading)
+    assert learner.memory.cell_noise is not None and learner.memory.cell_noise.images > 50
+    assert not learner.memory.cell_noise.is_known

@@ -13,6 +13,8 @@ sys.path.insert(0, str(Path(__file__).parents[3] / "packages/ninedtact/tests/rec
 from episodes import BEGAN_NS, SHAPE, frame, noise, sample, write_episode, write_estimates
 
 from lerobot_camera_ninedtact.export import UNKNOWN_STD, export_lerobot
+from lerobot_camera_ninedtact.tracking_features import TRACKING_NAMES
+from ninedtact import load_sensor, record, source_for
 from ninedtact.cli import main
 from ninedtact.errors import InputError
 from ninedtact.quantities import Frame
@@ -59,6 +61,20 @@ def test_estimates_keep_their_errors_and_warnings(tmp_path: Path) -> None:
         assert row["observation.wrench_estimated_std"].numpy() == pytest.approx(std, rel=1e-6)
         assert row["wrench_estimated_warnings"] == len(estimate.warnings)
     json.loads((tmp_path / "set/meta/stats.json").read_text(), parse_constant=lambda word: pytest.fail(word))
+
+
+def test_tracking_is_a_feature_where_it_is_asked_for(tmp_path: Path, sensor_folder: str) -> None:
+    """A recording of the twin, whose contacts are those that its own exported images show."""
+    path, folder = tmp_path / "press.mcap", load_sensor(sensor_folder)
+    record(source_for("sim", sensor=folder), path, folder, seconds=4.0)
+    arguments = ["export", str(path), "--out", str(tmp_path / "set"), "--to", "lerobot", "--tracking"]
+    assert main(arguments) == 0
+    read = LeRobotDataset("local/set", tmp_path / "set")
+    assert read.meta.features["observation.tracking"]["names"] == list(TRACKING_NAMES)
+    values = np.array([read[number]["observation.tracking"].numpy() for number in range(len(read))])
+    with Recording(path) as recording:
+        contacts = [len(reading.contacts) for reading in recording.readings()]
+    assert values[:, 0].tolist() == contacts and max(contacts) >= 1 > min(contacts)
 
 
 def test_recordings_that_differ_are_refused_in_one_sentence_and_leave_nothing(tmp_path: Path) -> None:

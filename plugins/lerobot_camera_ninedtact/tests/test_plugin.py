@@ -24,16 +24,9 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 import lerobot_camera_ninedtact
 import ninedtact
 from lerobot_camera_ninedtact import cameras, sensor_stream, wrench_robot
-from ninedtact.simulation.calibration_images import simulate_calibration_images
+from lerobot_camera_ninedtact.tracking_features import TRACKING_NAMES, UNKNOWN
 
 JOINT = "joint.pos"
-
-
-@pytest.fixture(scope="session")
-def sensor_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
-    images = ninedtact.CalibrationImages(**vars(simulate_calibration_images(ninedtact.default_twin(), frames=4)))
-    folder = tmp_path_factory.mktemp("twin") / "sensor"
-    return str(ninedtact.save_sensor(folder, ninedtact.calibrate(images)).path)
 
 
 @pytest.fixture(autouse=True)
@@ -203,7 +196,7 @@ def test_a_data_set_recorded_by_lerobot_holds_images_and_wrenches(
         "--robot.type=ninedtact_wrench",
         "--robot.id=tactile",
         f"--robot.calibration_dir={tmp_path / 'calibration'}",
-        f"--robot.sensors={{finger: {{sensor_folder: {sensor_folder}, source: sim}}}}",
+        f"--robot.sensors={{finger: {{sensor_folder: {sensor_folder}, source: sim, tracking: true}}}}",
         f"--robot.arm={{type: one_joint, calibration_dir: {tmp_path / 'calibration'}, cameras: {{finger: {camera}}}}}",
         "--teleop.type=ramp",
         "--dataset.repo_id=local/press",
@@ -221,10 +214,14 @@ def test_a_data_set_recorded_by_lerobot_holds_images_and_wrenches(
     lerobot_record.main()
     recorded = LeRobotDataset("local/press", root=tmp_path / "set")
     names = recorded.meta.features["observation.state"]["names"]
-    assert names == [JOINT, *(f"finger.{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz"))]
+    assert names == [JOINT, *(f"finger.{part}" for part in ("fx", "fy", "fz", "tx", "ty", "tz", *TRACKING_NAMES))]
     rows = recorded.hf_dataset.with_format("numpy")  # without decoding the video, for which torchvision would be needed
     assert len(rows) > 5
-    wrenches = np.array([row["observation.state"][1:] for row in rows])
+    wrenches = np.array([row["observation.state"][1:7] for row in rows])
+    tracking = dict(zip(TRACKING_NAMES, np.array([row["observation.state"][7:] for row in rows]).T, strict=True))
+    touches = tracking["contacts"] > 0
+    assert touches.any() and not touches.all() and (tracking["sticking_share"][~touches] == UNKNOWN).all()
+    assert np.abs(wrenches[~touches]).max() < np.abs(wrenches[touches]).max()
     known = np.array([reading.wrench.six for reading in seen if reading.wrench is not None], np.float32)
     assert all((known == wrench).all(axis=1).any() for wrench in wrenches)
     assert wrenches[:, 2].min() < -0.5  # the twin is pressed

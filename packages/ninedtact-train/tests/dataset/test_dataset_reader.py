@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 from pathlib import Path
+from time import process_time
 
 import cv2
 import numpy as np
@@ -177,6 +178,18 @@ def test_pairs_that_nothing_can_be_learnt_from_are_refused(folder: Path, column:
     pq.write_table(table.set_column(at, table.schema.field(at), pa.array(values, table.schema.field(at).type)), first)
     with pytest.raises(FileFormatError, match=r"1 (not finite|without reference).*--drop"):
         load_dataset(folder)
+
+
+@pytest.mark.parametrize("column", ["kind", "source"])
+def test_texts_too_long_to_be_names_are_refused_before_they_are_read(folder: Path, column: str) -> None:
+    first = min((folder / "data").iterdir())
+    table = pq.read_table(first)
+    at, long = table.schema.get_field_index(column), pa.array(["x" * 8_000_000] * len(table))
+    pq.write_table(table.set_column(at, column, long), first, compression="zstd")
+    began_s = process_time()
+    with pytest.raises(FileFormatError, match=rf"bytes of texts in \d+ rows of {column}"):
+        load_dataset(folder)
+    assert process_time() - began_s < 1
 
 
 def test_a_flipped_bit_in_a_column_is_refused(folder: Path) -> None:

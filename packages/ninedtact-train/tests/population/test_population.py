@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ninedtact.calibration.certificate.length_evidence import ball_clues, board_clues, weigh_length_clues
+from ninedtact.calibration.certificate.length_evidence import ball_clues, board_clues, probabilities_of_wrong_lengths
 from ninedtact.design import PUBLISHED_MM_PER_PX, Gel, SensingArea, SensorDesign, rectified_mm_per_px
 from ninedtact.errors import InputError
 from ninedtact.mechanics.indenter import Ball, FlatPunch
@@ -73,7 +73,7 @@ def test_real_sensors_and_every_mixture_of_them_are_usual(weights: list[float]) 
 def wrong_probability(light: BrightnessModel, gel: Gel, design: SensorDesign) -> float:
     """The probability of a wrong length that is stated of a sensor whose lengths are right."""
     board = board_clues(PUBLISHED_MM_PER_PX, 640, 0.63, 0.48, design)
-    return weigh_length_clues(board + ball_clues(light, gel, design), design).wrong_probability
+    return probabilities_of_wrong_lengths(board + ball_clues(light, gel, design), design).wrong_probability
 
 
 def test_a_base_that_yields_lets_a_ball_sink_deeper() -> None:

@@ -26,7 +26,7 @@ from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
     NetworkInputSettings,
-    SensorFeatures,
+    SensorParameterInputs,
     stack_height_channels,
 )
 from ninedtact.force.onnx_model import read_force_model
@@ -130,8 +130,8 @@ def test_heights_are_those_of_the_live_path(
     assert sorted(pairs.ids.tolist()) == [f"{number:03d}" for number in range(PAIRS)]
     row = pairs.ids.tolist().index("005")
     height = reading_of(twin_sensor, 0.5 + 5 / 4, 5).height
-    live = NetworkInputBuilder(GRID, SensorFeatures(2.2)).of_height(height)
-    kept = stack_height_channels(pairs.z_mm[row].astype(np.float32), SensorFeatures(2.2).row, GRID.channels)
+    live = NetworkInputBuilder(GRID, SensorParameterInputs(2.2)).of_height(height)
+    kept = stack_height_channels(pairs.z_mm[row].astype(np.float32), SensorParameterInputs(2.2).row, GRID.channels)
     np.testing.assert_allclose(kept, live, atol=1e-3)
     assert pairs.wrenches[row, 2] == np.float32(-1.75) and pairs.objects[row] == "thing_2" and pairs.sensors[row] == "a"
 

@@ -24,6 +24,8 @@ ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41
 
 _MarginMm = Annotated[float, Meta(ge=0, le=50)]
 _OriginMm = Annotated[float, Meta(ge=-1000, le=1000)]
+_RelaxingShare = Annotated[float, Meta(ge=0, le=0.9)]
+_RelaxationTimeS = Annotated[float, Meta(ge=0.01, le=1e5)]
 _AngleDeg = Annotated[float, Meta(ge=-360, le=360)]
 
 
@@ -57,6 +59,11 @@ class Gel:
     gel_to_base_modulus_ratio: Annotated[float, Meta(ge=0, le=10)] = 0.04
     """Shear modulus of the gel over that of the transparent layer below it; zero is a rigid base. Tables of Shore hardness give
     0.1 to 0.14 for Shore A 5 on Shore A 45, and images of balls on real sensors rather 0.01 to 0.06."""
+    relaxing_shares: tuple[_RelaxingShare, ...] = (0.04, 0.05)
+    """Shares of the modulus that are lost while an object is held, one for each term of a Prony series. No maker states them; they
+    are known to a factor of two (docs/mechanics.md)."""
+    relaxation_times_s: tuple[_RelaxationTimeS, ...] = (5.0, 100.0)
+    """The time of each term."""
 
     def __post_init__(self) -> None:
         # A gel of a closed form, or of one step of a fit, may be thicker or softer than one that is made.
@@ -73,6 +80,13 @@ class Gel:
                 expected="gel.finite_strain from 0 to 1", got=f"{self.finite_strain}", remedy="correct the design"
             )
         require_positive("gel.base_thickness_mm", self.base_thickness_mm)
+        shares, times_s = self.relaxing_shares, self.relaxation_times_s
+        if len(shares) != len(times_s) or sum(shares) >= 1 or any(time_s <= 0 for time_s in times_s):
+            raise DesignImpossible(
+                expected="gel.relaxing_shares below 1 in all, and as many gel.relaxation_times_s above zero",
+                got=f"{shares} and {times_s}",
+                remedy="correct the design",
+            )
         if not 0 <= self.gel_to_base_modulus_ratio <= 10:
             raise DesignImpossible(
                 expected="gel.gel_to_base_modulus_ratio from 0, a rigid base, to 10, a base far softer than the gel",

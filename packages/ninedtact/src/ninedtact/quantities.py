@@ -11,7 +11,7 @@ from enum import IntEnum, StrEnum
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, UInt8
+from jaxtyping import Bool, Float32, Float64, Int, Int32, UInt8
 from numpy import ndarray as Array
 
 WRENCH_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -99,6 +99,16 @@ class HeightMap:
     def axes_mm(self) -> tuple[Float32[Array, " cols"], Float32[Array, " rows"]]:
         """Return the coordinates x of the columns and y of the rows."""
         return centred_axis_mm(self.z_mm.shape[1], self.mm_per_px), centred_axis_mm(self.z_mm.shape[0], self.mm_per_px)
+
+    def sightline_scale_at(self, rows: Int[Array, " n"], cols: Int[Array, " n"]) -> Float64[Array, " n"]:
+        """Return the factor from where lines of sight cross the undeformed plane to the skin that these pixels see."""
+        return 1 + self.z_mm[rows, cols].astype(float) / self.camera_distance_mm
+
+    def points_at(self, rows: Int[Array, " n"], cols: Int[Array, " n"]) -> Float64[Array, "n 3"]:
+        """Return the points of the skin in mm that these pixels see."""
+        x_axis, y_axis = self.axes_mm
+        scale = self.sightline_scale_at(rows, cols)
+        return np.column_stack([x_axis[cols] * scale, y_axis[rows] * scale, self.z_mm[rows, cols].astype(float)])
 
 
 @dataclass(frozen=True)

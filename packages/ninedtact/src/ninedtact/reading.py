@@ -5,13 +5,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from time import perf_counter
 
-from jaxtyping import Bool, Float64, UInt8
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
+from ninedtact.shape.contacts import ContactPatch, find_contacts
 from ninedtact.shape.image_plausibility import find_image_warnings
 from ninedtact.shape.light_change import LightChange
+from ninedtact.shape.model_inputs import TactileModel, prepare_model_input
 from ninedtact.shape.surface import ShapeSummary, contact_mask, point_cloud, summarise_shape
 
 
@@ -25,6 +29,32 @@ class Flicker:
     """Period as the images show it; a lamp that is faster than half of the frame rate appears slower than it is."""
 
 
+@dataclass(frozen=True, eq=False)
+class CellNoise:
+    """The noise of a stream on every cell of the contact detection, learnt from images without contact."""
+
+    mean_square: Float32[Array, "cell_rows cell_cols"]
+    """Mean square of the relative darkening of a cell."""
+    step_square: float
+    """Mean square of its change from image to image, of all cells."""
+    images: int
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the images were enough, and their noise is new in each. A codec that carries its error from image to image shows
+        one error for seconds, and then another."""
+        return self.images >= _ENOUGH_IMAGES and self.step_square >= float(self.mean_square.mean())
+
+    @cached_property
+    def std(self) -> Float32[Array, "cell_rows cell_cols"]:
+        """Standard deviation of every cell. As it rests on few images, that of all cells is added to its own."""
+        return np.sqrt(self.mean_square + self.mean_square.mean())
+
+
+_ENOUGH_IMAGES = 30
+_CELL_MM = 0.53
+
+
 @dataclass(frozen=True)
 class StreamMemory:
     """What earlier images of a stream without contact told, which decides with the image itself whether something touches.
@@ -34,11 +64,13 @@ class StreamMemory:
 
     noise: float = 0.0
     """Largest noise of images without contact, after smoothing over a millimetre, relative to the brightness."""
-    darkening: float = 0.0
-    """Largest darkening of images without contact, smoothed and relative alike; zero where none was looked at."""
     learnt_s: float = 0.0
     """Time over which the noise was learnt."""
     flicker: Flicker | None = None
+    cell_noise: CellNoise | None = None
+    """Noise of every cell; None where it was not learnt."""
+    last_darkenings: tuple[Float32[Array, "cell_rows cell_cols"], ...] = field(default=(), compare=False)
+    """Darkening of every cell (`measure_darkening_on_cells`) in the last images in which contact was looked for."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +111,8 @@ class Reading:
 
     def with_force(self, estimate: WrenchEstimate) -> "Reading":
         """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""
-        reading = copy(
-            self
-        )  # with the cached properties, unlike `dataclasses.replace`; none of them depends on the force
+        reading = copy(self)  # with the cached properties, unlike `dataclasses.replace`
+        reading.__dict__.pop("contacts", None)  # the only one of them that depends on the force
         object.__setattr__(reading, "force", estimate)
         return reading
 
@@ -122,6 +153,16 @@ class Reading:
         return (*self.light.sentences, f"flicker of ±{flicker.amplitude:.1%} with a period of {flicker.period_s:.2f} s")
 
     @cached_property
+    def brightness_on_cells(self) -> Float32[Array, "cell_rows cell_cols"]:
+        """The brightness relative to the reference image, on square cells of about half a millimetre, for the contact detection."""
+        shape = self.rectified.grey.shape
+        rows, cols = (max(round(side * self.rectified.mm_per_px / _CELL_MM), 1) for side in shape)
+        image, reference = (
+            cv2.resize(one.grey, (cols, rows), interpolation=cv2.INTER_AREA) for one in (self.rectified, self.reference)
+        )
+        return np.asarray(image / np.maximum(reference, np.float32(1)))
+
+    @cached_property
     def image_warnings(self) -> tuple[EstimateWarning, ...]:
         """Reasons why the image cannot be a press on this sensor, for example a failed LED; empty for a plausible image."""
         knows_depth = EstimateWarning.NOT_CALIBRATED not in self.reference_warnings
@@ -141,6 +182,16 @@ class Reading:
         return contact_mask(self.height)
 
     @property
+    def is_touching(self) -> bool:
+        """Whether something touches: judged by the estimate where there is one, otherwise by depth."""
+        return bool(self.contact.any()) if self.force is None else self.force.touching
+
+    @cached_property
+    def contacts(self) -> tuple[ContactPatch, ...]:
+        """The connected contacts, the largest first, each with its share of the wrench; empty where nothing touches."""
+        return find_contacts(self.height, self.contact, self.force) if self.is_touching else ()
+
+    @property
     def max_indentation_mm(self) -> float:
         """Maximum indentation in view, mm; 0 where nothing is indented."""
         return self.summary.max_indentation_mm
@@ -153,6 +204,20 @@ class Reading:
     def points(self) -> PointCloud:
         """Return the surface as points with outward unit normals, mm, in the sensor frame."""
         return point_cloud(self.height)
+
+    def model_input(self, model: TactileModel, earlier: "Reading | None" = None) -> Float32[Array, "..."]:
+        """Return the image as the input of a published tactile model: sparsh, htt or anytouch (`shape.model_inputs`).
+
+        earlier: the other reading of a pair, 83 ms earlier for sparsh and the one before for htt; None takes this one twice.
+        Raises `InputError`.
+
+        >>> with ninedtact.open("my_sensor", source="sim", force="none") as sensor:
+        ...     before, now = sensor.read(), sensor.read()
+        >>> now.model_input("htt", before).shape
+        (2, 3, 224, 224)
+        """
+        other = None if earlier is None else earlier.rectified
+        return prepare_model_input(model, self.rectified, self.reference, other)
 
     def age_ms(self, now_ns: int) -> float:
         """Return the time since the frame arrived, given the present `time.monotonic_ns()`."""

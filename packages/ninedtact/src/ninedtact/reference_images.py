@@ -20,7 +20,7 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import FrameSource
-from ninedtact.force.contact_detection import measure_darkening_and_limit, measure_smooth_noise
+from ninedtact.force.contact_detection import find_faint_contact, measure_darkening_and_limit, measure_even_noise
 from ninedtact.quantities import Frame, Rectified, WrenchEstimate, diagonal_covariance
 from ninedtact.reading import Reading, StreamMemory
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader, FindReferenceFaults
@@ -235,6 +235,7 @@ class ReferenceFollower:
     def _look(self, reading: Reading) -> None:
         """Look for contact; at the beginning of one, the force since the last look becomes part of it."""
         is_touched = self._is_touched(reading)
+        self.learner.remember(reading)
         if is_touched and not self._in_contact:
             remaining = self._unsettled_part(reading.stamp_ns) * self._largest_force
             self._largest_force = np.maximum(remaining, self._unassigned_force)
@@ -252,7 +253,8 @@ class ReferenceFollower:
     def _is_touched(self, reading: Reading) -> bool:
         """Return whether something touches, as opposed to the imprint of the last contact."""
         darkening, limit = measure_darkening_and_limit(reading)
-        if darkening <= max(limit, _EVEN_NOISES * measure_smooth_noise(reading)):
+        is_even = darkening <= max(limit, _EVEN_NOISES * measure_even_noise(reading))
+        if is_even and find_faint_contact(reading) is None:
             self._peak = 0.0
             return False
         imprint = min(self.settings.residue * self._peak, self.settings.max_residue)

@@ -1,9 +1,8 @@
 """What a stream without contact teaches: the noise that a contact must exceed, and the flicker of its light.
 
 The noise of one image is that of its smoothed brightness (`measure_smooth_noise`), whatever causes it: compression, bands,
-unsteady light. The largest of the images without contact is remembered, and fades within hours, with the largest darkening that it
-made. It begins with the images of the reference, each beside their mean. A contact that is too light to be detected is dark in few
-places and teaches almost nothing.
+unsteady light. The largest of the images without contact is remembered, and fades within hours. It begins with the images of the
+reference, each beside their mean. A contact that is too light to be detected is dark in few places and teaches almost nothing.
 """
 
 from collections import deque
@@ -14,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.force.contact_detection import measure_darkening_and_limit, measure_smooth_noise
+from ninedtact.force.contact_detection import FAINT_IMAGES, measure_darkening_on_cells, measure_smooth_noise
 from ninedtact.quantities import Frame
-from ninedtact.reading import Flicker, Reading, StreamMemory, read_frame
+from ninedtact.reading import CellNoise, Flicker, Reading, StreamMemory, read_frame
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
 
 _FADING_S = 3600.0
@@ -28,6 +27,8 @@ _MIN_FLICKER = 0.002
 _MIN_EXPLAINED = 0.6
 """Share of the variance of the brightness that one period explains."""
 _FREQUENCIES_PER_WINDOW = 2
+_CELL_NOISE_IMAGES = 600
+"""Images over which the noise of every cell is averaged."""
 _NS_PER_S = 1e9
 
 
@@ -56,15 +57,32 @@ class StreamLearner:
         noise = measure_smooth_noise(reading)
         if noise == self._noise_of_last:
             return  # video codecs repeat an image as long as it changes little, which says nothing of the next one
-        darkening, _ = measure_darkening_and_limit(reading)
-        left = float(np.exp(-gap_s / _FADING_S))
-        self.memory = replace(
-            self.memory,
-            noise=max(noise, left * self.memory.noise),
-            darkening=max(darkening, left * self.memory.darkening),
-            learnt_s=self.memory.learnt_s + min(gap_s, 1.0),
-        )
+        faded = self.memory.noise * np.exp(-gap_s / _FADING_S)
+        learnt_s = self.memory.learnt_s + min(gap_s, 1.0)
+        cell_noise = self._learn_cells()
+        self.memory = replace(self.memory, noise=max(noise, float(faded)), learnt_s=learnt_s, cell_noise=cell_noise)
         self._noise_ns, self._noise_of_last = reading.stamp_ns, noise
+
+    def remember(self, reading: Reading) -> None:
+        """Remember the darkening of any image, for the next one."""
+        darkening = measure_darkening_on_cells(reading)
+        self.memory = replace(
+            self.memory, last_darkenings=(*self.memory.last_darkenings, darkening)[1 - FAINT_IMAGES :]
+        )
+
+    def _learn_cells(self) -> CellNoise | None:
+        """Return the noise of every cell with that of the image that was remembered last."""
+        if len(self.memory.last_darkenings) < 2:
+            return None
+        before, now = self.memory.last_darkenings[-2:]
+        known = self.memory.cell_noise or CellNoise(np.zeros_like(now), 0.0, 0)
+        share = 1 / min(known.images + 1, _CELL_NOISE_IMAGES)
+        step = float(np.mean((now - before) ** 2))
+        return CellNoise(
+            known.mean_square + np.float32(share) * (now**2 - known.mean_square),
+            known.step_square + share * (step - known.step_square),
+            known.images + 1,
+        )
 
     def learn_light(self, reading: Reading) -> None:
         """Learn from any image how its light flickers."""

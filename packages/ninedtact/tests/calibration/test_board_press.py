@@ -11,7 +11,7 @@ from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.calibration.twin.lens_refinement import fit_board_press_and_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.quantities import Frame, skin_grid_mm
-from ninedtact.simulation.calibration_images import CalibrationPressSettings, simulate_calibration_images
+from ninedtact.simulation.calibration_images import HandPressImperfections, simulate_calibration_images
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact.simulation.twin import Twin, default_twin
 from ninedtact_train.population.sensor_population import interpolate_image
@@ -37,7 +37,7 @@ def twin() -> Twin:
 @pytest.fixture(scope="module")
 def images(twin: Twin) -> CalibrationImages:
     return CalibrationImages(
-        **vars(simulate_calibration_images(twin, presses=CalibrationPressSettings(IMPRINT_MM), frames=8))
+        **vars(simulate_calibration_images(twin, presses=HandPressImperfections(IMPRINT_MM), frames=8))
     )
 
 

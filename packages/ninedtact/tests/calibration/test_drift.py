@@ -12,7 +12,12 @@ from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.brightness_change import different_skin_warnings, find_exposure_fault, overexposed_share
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
-from ninedtact.calibration.drift.reference_check import CalibratedReference, load_calibrated_reference, measure_drift
+from ninedtact.calibration.drift.reference_check import (
+    CalibratedReference,
+    find_reference_image_fault,
+    load_calibrated_reference,
+    measure_drift,
+)
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import read_image
@@ -137,11 +142,17 @@ def test_a_blurred_image_is_out_of_focus_and_neither_moved_nor_another_sensor(kn
 
 
 @pytest.mark.parametrize("exponent", [0.6, 0.8, 1.25])
-def test_a_gamma_is_told_from_a_gain(exponent: float, known: dict, images: dict) -> None:
+def test_a_gamma_is_told_from_a_gain_and_makes_a_reference_image_unusable(
+    exponent: float, known: dict, images: dict
+) -> None:
     for name in SENSORS:
         image = images[name]["board_reference"]
-        assert diagnoses(known[name], times(255 * (image / 255) ** exponent, 1))[0] == "gamma changed"
-        assert diagnoses(known[name], times(image, 1.3 - 0.3 * exponent))[0] == "gain changed"
+        curved = times(255 * (image / 255) ** exponent, 1)
+        fault = find_reference_image_fault(measure_drift(known[name], curved))
+        assert fault is not None and fault.diagnosis == diagnoses(known[name], curved)[0] == "gamma changed"
+        brighter = times(image, 1.3 - 0.3 * exponent)
+        assert diagnoses(known[name], brighter)[0] == "gain changed"
+        assert find_reference_image_fault(measure_drift(known[name], brighter)) is None
 
 
 def test_what_the_skin_was_like_before_the_board_is_no_contact(known: dict, images: dict) -> None:

@@ -12,7 +12,7 @@ import pytest
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.save import (
     SensorFolderNotReplaceable,
-    kept_old_calibration_notices,
+    failed_calibration_notices,
     save_sensor,
     to_sensor_toml,
 )
@@ -98,8 +98,8 @@ def test_everyone_is_told_that_a_calibration_failed_and_which_sensor_stays(
     assert "Do not measure with this calibration" in said.out
     sentence = f"the new calibration failed its checks and is saved in {beside.path}; {out} keeps the older calibration"
     assert f"ninedtact: {sentence}\n" in said.err and (out / SENSOR_FILE).read_bytes() == before
-    assert kept_old_calibration_notices(out, beside) == [sentence]
-    assert kept_old_calibration_notices(beside.path, beside) == []
+    assert failed_calibration_notices(out, beside) == [sentence]
+    assert failed_calibration_notices(beside.path, beside) == []
     certificate = beside.record.certificate
     assert certificate is not None and any("which is impossible" in each for each in certificate.warnings)
     main(["check", f"--sensor={beside.path}", str(twin_sensor.path / "images" / "ball_reference.png")])

@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.certificate.checks import LENGTH_CHECKS, compute_certificate_checks
-from ninedtact.calibration.certificate.length_evidence import LengthClue, ball_clues, board_clues, weigh_length_clues
+from ninedtact.calibration.certificate.length_evidence import (
+    LengthClue,
+    ball_clues,
+    board_clues,
+    probabilities_of_wrong_lengths,
+)
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
-from ninedtact.calibration.sensor_toml_schema import LengthQuality
+from ninedtact.calibration.sensor_toml_schema import LengthPlausibility
 from ninedtact.cli import main
 from ninedtact.design import PUBLISHED_MM_PER_PX, SensorDesign
 from ninedtact.simulation.gel_brightness import FITTED_PARAMETERS, BrightnessModel
@@ -28,13 +33,13 @@ MIDDLE = [
 """The clues of a sensor in the middle of all."""
 
 
-def seen_with(pitch: float = 1.0, radius: float = 1.0, clues: list[LengthClue] = MIDDLE) -> LengthQuality:
+def seen_with(pitch: float = 1.0, radius: float = 1.0, clues: list[LengthClue] = MIDDLE) -> LengthPlausibility:
     """What is said where the stated lengths are these times the true ones."""
     shifted = [
         replace(one, log_ratio=one.log_ratio + one.per_pitch * np.log(pitch) + one.per_radius * np.log(radius))
         for one in clues
     ]
-    return weigh_length_clues(shifted, DESIGN)
+    return probabilities_of_wrong_lengths(shifted, DESIGN)
 
 
 def test_the_middle_of_all_sensors_is_the_least_suspected() -> None:
@@ -57,7 +62,7 @@ def test_one_clue_alone_however_far_is_a_sensor_unlike_others(one: int, far: flo
         replace(clue, log_ratio=clue.log_ratio + (far * clue.spread if n == one else 0))
         for n, clue in enumerate(MIDDLE)
     ]
-    assert weigh_length_clues(clues, DESIGN).wrong_probability < 0.25
+    assert probabilities_of_wrong_lengths(clues, DESIGN).wrong_probability < 0.25
 
 
 @pytest.mark.parametrize("sensor", ["a", "j"])

@@ -13,7 +13,7 @@ from msgspec import structs
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.ball.ball_press import find_second_press
 from ninedtact.calibration.certificate.checks import compute_certificate_checks
-from ninedtact.calibration.fit_tables import make_second_ball_quality
+from ninedtact.calibration.fits_to_sensor_toml import make_second_ball_quality
 from ninedtact.calibration.guidance import guided_capture_steps
 from ninedtact.calibration.procedure import SECOND_BALL_NAMES
 from ninedtact.calibration.save import save_images_beside, to_sensor_toml

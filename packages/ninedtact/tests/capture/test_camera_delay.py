@@ -10,10 +10,10 @@ import pytest
 from ninedtact.capture.camera_check import describe_camera_settings
 from ninedtact.capture.camera_delay import (
     CameraDelay,
+    FlashingTerminal,
     LightSwitchedByFile,
     SimulatedDelayedCamera,
     SimulatedLight,
-    TerminalLight,
     estimate_delay,
     measure_camera_delay,
     read_camera_delay,
@@ -83,14 +83,14 @@ def test_a_terminal_is_inverted_and_one_that_is_none_is_refused() -> None:
     viewer, screen = os.openpty()
     with os.fdopen(screen, "w") as terminal:
         for is_on in (True, False):
-            TerminalLight(terminal).switch(is_on)
+            FlashingTerminal(terminal).switch(is_on)
         assert b"".join(os.read(viewer, 1) for _ in range(10)) == b"\x1b[?5h\x1b[?5l"
     os.close(viewer)
     with (
         Path(os.devnull).open("w") as nothing,
         pytest.raises(InputError, match="expected a terminal as the light, got none"),
     ):
-        TerminalLight(nothing).switch(True)
+        FlashingTerminal(nothing).switch(True)
 
 
 def test_images_that_do_not_follow_the_light_give_no_delay() -> None:

@@ -12,23 +12,35 @@ from ninedtact.force.contact_detection import (
     ContactRegionSettings,
     detect_contact,
     find_contact_region,
+    measure_darkening_and_limit,
+    measure_even_noise,
+    measure_smooth_noise,
     pressure_reaches_unseen,
 )
 from ninedtact.force.traction.estimator import build_traction_force
+from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
+from ninedtact.simulation.objects.catalogue import indenter_from_name
 
 FULL = (345, 460), 0.0522
 
 
 def reading(
-    shape: tuple[int, int], mm_per_px: float, seed: int, *, lamp: float = 1.0, noise: float = 1.0, dent: float = 0.0
+    shape: tuple[int, int],
+    mm_per_px: float,
+    seed: int,
+    *,
+    lamp: float = 1.0,
+    noise: float = 1.0,
+    dent: float = 0.0,
+    at: tuple[float, float] = (0.0, 0.0),
 ) -> Reading:
     """An image that is dimmer at its rim, with noise in grey levels, another brightness of the lamp, a dent that darkens."""
     rng = np.random.default_rng(seed)
     y, x = np.meshgrid(*(np.linspace(-1, 1, side) for side in shape), indexing="ij")
     untouched = 150 * (1 - 0.4 * (x**2 + y**2) / 2)
-    dark = dent * np.exp(-(x**2 + y**2) / 0.02)
+    dark = dent * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / 0.02)
     seen = untouched * lamp * (1 - dark) + rng.normal(0, noise, shape)
     reference = untouched + rng.normal(0, noise / 3, shape)
     height = HeightMap(
@@ -51,6 +63,27 @@ def test_noise_and_lamps_are_no_touch(shape: tuple[int, int], mm_per_px: float, 
 @pytest.mark.parametrize("lamp", [0.95, 1.06])
 def test_a_dent_of_a_hundredth_is_a_touch(lamp: float) -> None:
     assert all(detect_contact(reading(*FULL, seed, lamp=lamp, dent=0.01)) for seed in range(10))
+
+
+@pytest.mark.parametrize("at", [(1.0, 1.0), (-1.0, 0.3), (0.2, -1.0)])
+def test_an_led_at_the_border_that_is_a_little_dimmer_is_no_touch_and_a_press_there_is(at: tuple[float, float]) -> None:
+    assert not detect_contact(reading(*FULL, 0, dent=0.006, at=at))
+    assert detect_contact(reading(*FULL, 0, dent=0.03, at=at))
+    assert detect_contact(reading(*FULL, 0, dent=0.006, at=(0.7 * at[0], 0.7 * at[1])))
+
+
+def test_bulges_beside_a_wide_object_that_is_dragged_are_no_noise(physical_sensor: SensorFolder) -> None:
+    """They brighten most of the view, so that a key that was held was taken for noise, and then for the untouched skin."""
+    twin, shape = physical_sensor.twin(), physical_sensor.shape
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(4)))
+    for name in ("key_01", "coin_01"):
+        press = None
+        for drag_mm in (0.0, 0.9):
+            press = twin.press(press, indenter_from_name(name), Pose(drag_mm, 0.2, 0.6, 0.2 * drag_mm))
+        pressed = read_frame(Frame(twin.renderer(press.corrected, 1)), shape, reader)
+        assert measure_darkening_and_limit(pressed)[0] > 3 * measure_even_noise(pressed)
+    noise = reading(*FULL, 1, noise=6.0)
+    assert measure_even_noise(noise) == pytest.approx(measure_smooth_noise(noise), rel=0.3)
 
 
 def test_pins_all_over_the_view_are_a_touch_and_not_noise() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ninedtact.calibration.known_load_fit import (
+from ninedtact.calibration.gel_fit_to_known_loads import (
     AssumedBases,
     ForceScaleImpossible,
     KnownLoadPress,

@@ -10,7 +10,7 @@ from ninedtact.force.network_input import (
     InputChannels,
     NetworkInputBuilder,
     NetworkInputSettings,
-    SensorFeatures,
+    SensorParameterInputs,
     stack_height_channels,
     stack_image_channels,
 )
@@ -45,7 +45,7 @@ def test_lines_of_sight_are_undone_as_on_the_full_grid() -> None:
     "channels", [InputChannels.HEIGHTS, InputChannels.HEIGHTS_AND_GEL, InputChannels.HEIGHTS_AND_SENSOR]
 )
 def test_heights_live_and_in_batches_of_torch_are_alike(channels: InputChannels) -> None:
-    settings, traits = NetworkInputSettings(channels), SensorFeatures(2.2, 0.12, 0.2, 0.6, 0.1)
+    settings, traits = NetworkInputSettings(channels), SensorParameterInputs(2.2, 0.12, 0.2, 0.6, 0.1)
     live = NetworkInputBuilder(settings, traits).of_height(bumpy(14.0))
     z_mm = orthorectified_heights(bumpy(14.0), settings.grid)
     batch = stack_height_channels(torch.from_numpy(z_mm)[None], torch.from_numpy(traits.row)[None], channels)

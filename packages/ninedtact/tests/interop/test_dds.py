@@ -1,5 +1,6 @@
 """ROS 2 messages reach another process, as Cyclone DDS itself reads them. `make test-interop` runs this."""
 
+import json
 import os
 import re
 import signal
@@ -9,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread, Timer
 from typing import Any
@@ -34,17 +36,23 @@ from ninedtact.interop.dds import (  # noqa: E402
 )
 from ninedtact.interop.ros2_sensor import SensorOnRos2  # noqa: E402
 from ninedtact.interop.ros2_topics_and_messages import (  # noqa: E402
+    CONTACTS,
     LIVE_TOPICS,
     POINTS,
+    SLIP,
     STRING_TYPE,
+    TF,
     TF_STATIC,
     TF_TYPE,
     QosProfile,
     SensorMessages,
 )
-from ninedtact.quantities import Wrench  # noqa: E402
+from ninedtact.mechanics.pose import Pose  # noqa: E402
+from ninedtact.quantities import Frame, Wrench  # noqa: E402
+from ninedtact.reading import read_frame  # noqa: E402
 from ninedtact.recording.reader import Recording  # noqa: E402
 from ninedtact.recording.topics_and_messages import Topic, encode_message, type_store  # noqa: E402
+from ninedtact.simulation.objects.catalogue import indenter_from_name  # noqa: E402
 
 DOMAIN, INTERFACE = 101, "lo"
 ENVIRONMENT = os.environ | {"CYCLONEDDS_URI": cyclonedds_configuration(INTERFACE)}
@@ -158,6 +166,29 @@ def test_images_points_and_transforms_arrive_whole(tmp_path: Path) -> None:
     assert type_store().deserialize_cdr(found["points"], LIVE_TOPICS[POINTS][0]).width == 30 * 40
     frames = [each.child_frame_id for each in type_store().deserialize_cdr(found["tf"], TF_TYPE).transforms]
     assert frames == ["small_camera_optical", "small_gel"]
+
+
+def test_contacts_slip_and_the_frame_of_the_object_arrive(tmp_path: Path, physical_sensor: SensorFolder) -> None:
+    twin, shape = physical_sensor.twin(), physical_sensor.shape
+    untouched = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(4)))
+    press = twin.press(None, indenter_from_name("key_05"), Pose(depth_mm=0.5))
+    key = read_frame(Frame(twin.renderer(press.corrected, 1), 10**9), shape, untouched)
+    with sensor_on_ros2(load_sensor(sensor_folder(tmp_path / "small")), tmp_path) as running:
+        make = running.participant.reader
+        contacts, slip = (make(f"/small/{topic}", STRING_TYPE, QosProfile.RELIABLE) for topic in (CONTACTS, SLIP))
+        frames = make(TF, TF_TYPE, QosProfile.RELIABLE)
+        found: dict[str, bytes] = {}
+
+        def arrives(name: str, reader: Any) -> bool:
+            running.shared.publish(key)
+            return bool([found.setdefault(name, cdr) for cdr in reader.take()])
+
+        for name, reader in (("frame", frames), ("contacts", contacts), ("slip", slip)):
+            wait_until(partial(arrives, name, reader), pause_s=0.1)
+    (transform,) = type_store().deserialize_cdr(found["frame"], TF_TYPE).transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("small_skin", "small_object")
+    assert "contacts" in json.loads(type_store().deserialize_cdr(found["contacts"], STRING_TYPE).data)
+    assert "p_gross" in json.loads(type_store().deserialize_cdr(found["slip"], STRING_TYPE).data)
 
 
 class Samples(WrenchSource):

@@ -351,8 +351,9 @@ def test_the_peg_is_inserted_by_the_wrench_that_is_estimated_from_the_image(
 
 
 PAGE = (Path(__file__).parents[4] / "docs" / "simulators.md").read_text("utf-8")
-SNIPPETS = [block for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "my_sensor" not in block]
-"""Those with a sensor folder run with the examples of the Python API (`test_docs`)."""
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+SNIPPETS = [block for block in BLOCKS if not re.search("my_sensor|torch", block)]
+"""Those with a sensor folder or torch run with the examples of the Python API (`test_docs`)."""
 
 
 @pytest.mark.interop

@@ -23,13 +23,16 @@ from small_sensor import DARK, SHAPE, UNTOUCHED, SkinCamera, image_folder, senso
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.interop.reading_stream import ReadingServer, StreamedReading, StreamedStatus, reading_stream_json_schema
+from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Wrench, WrenchEstimate
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, read_frame
 from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
+from ninedtact.simulation.objects.catalogue import indenter_from_name
 
 DOCS = Path(__file__).parents[4] / "docs"
 PAGE = (DOCS / "streaming.md").read_text(encoding="utf-8")
@@ -171,6 +174,32 @@ def test_messages_keep_to_the_schema_that_is_served_and_documented(served: Serve
         schema = json.load(answer)
     assert set(first) == set(schema["$defs"]["StreamedReading"]["properties"])
     assert schema == reading_stream_json_schema() == json.loads((DOCS / "reading_stream.schema.json").read_text())
+
+
+def test_contacts_motion_and_slip_come_to_the_client_that_asks_and_are_computed_for_nobody_else(
+    physical_sensor: SensorFolder,
+) -> None:
+    twin, shape = physical_sensor.twin(), physical_sensor.shape
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(4)))
+    press = twin.press(None, indenter_from_name("key_05"), Pose(depth_mm=0.5))
+    reading = read_frame(Frame(twin.renderer(press.corrected, 1), 10**9), shape, reader)
+    with ReadingServer("small", "127.0.0.1", 0, 0) as server:
+        with tcp(server.tcp_port, b"{}\n") as client:
+            wait_until(lambda: server.clients == 1)
+            server.publish(reading)
+            assert server._tracker is None and json.loads(client.makefile().readline())["tracking"] is None
+        with (
+            tcp(server.tcp_port, b'{"tracking": true}\n') as client,
+            connect(f"ws://127.0.0.1:{server.port}/?tracking=true") as browser,
+        ):
+            wait_until(lambda: server.clients >= 2)
+            server.publish(reading)
+            found = json.loads(client.makefile().readline())["tracking"]
+            assert json.loads(browser.recv())["tracking"] == found
+    (contact,) = found["contacts"]
+    assert contact["area_mm2"] == pytest.approx(reading.contacts[0].area_mm2) and contact["force_n"] is None
+    assert found["motion"]["moved_mm"] == [0, 0, 0] and found["slip"]["state"] == "unknown"
+    assert found["slip"]["p_gross"] is None
 
 
 def test_a_client_that_does_not_read_delays_nobody_and_is_told_what_it_missed() -> None:

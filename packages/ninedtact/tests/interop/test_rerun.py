@@ -98,6 +98,13 @@ def test_the_reader_of_rerun_finds_images_surfaces_and_wrenches_with_their_bands
             assert value == pytest.approx(wrench.six[number])
             std = np.nan if image == UNKNOWN else STD[number]
             assert (value - low, high - value) == pytest.approx((std, std), nan_ok=True)
+    outlines, areas = found["/small/contacts"]["LineStrips3D:strips"], [one.contact_area_mm2 for one in readings]
+    assert [len(strips or ()) for strips in outlines] == [0] * 10 + [1] * 4 and min(areas[10:]) > 1
+    (outline,) = outlines[-1]
+    assert outline[0] == outline[-1] and {point[2] for point in outline} == {np.float32(0.2)}
+    assert [len(points or ()) for points in found["/small/object"]["Points3D:positions"]][-1] <= 1
+    assert len(found["/small/motion/yaw_deg"]["Scalars:scalars"]) == IMAGES
+    assert len(found["/small/slip/p_gross"]["Scalars:scalars"]) == IMAGES
     assert len(found["/small/wrench_measured/torque_z"]["Scalars:scalars"][0]) == 1
     assert [row[0] for row in found["/small/warnings"]["TextLog:text"]] == ["out of range"]
     colours = [found[f"/small/wrench_{kind}/force_z"]["SeriesLines:colors"][0][0] for kind in ("estimated", "measured")]

@@ -9,6 +9,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from small_sensor import RECORDED, SHAPE, SkinCamera, image_folder, sensor_folder, skin
 
 from ninedtact import cli
@@ -21,10 +22,12 @@ from ninedtact.interop.ros2_topics_and_messages import (
     CONTACTS,
     LIVE_TOPICS,
     POINTS,
+    SLIP,
     TF_TYPE,
     SensorMessages,
     decode_ros2_command,
     encode_ros2_contacts,
+    encode_ros2_slip,
 )
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate, skin_grid_mm
 from ninedtact.reading import Reading
@@ -32,7 +35,7 @@ from ninedtact.recording.topics_and_messages import Topic, decode_height_map, ty
 from ninedtact.reference_images import ReferenceImages
 from ninedtact.sensor import Sensor
 from ninedtact.shape.surface import point_cloud
-from ninedtact.tracking import ContactTracker
+from ninedtact.tracking import ContactTracker, ObjectMotion, RigidMotion, TrackState
 
 WALL_NS = 1_790_000_000_123_456_789
 WRENCH = WrenchEstimate(
@@ -63,7 +66,7 @@ def test_all_messages_of_a_reading_carry_its_stamp_and_the_frames_of_its_sensor(
     camera = {Topic.IMAGES.value, COMPRESSED, CAMERA_INFO}
     for topic, message in stamped.items():
         assert message.header.frame_id == ("left_hand_camera_optical" if topic in camera else "left_hand_skin")
-    assert set(encoded) == set(LIVE_TOPICS) - {"status", CONTACTS, Topic.MEASURED, Topic.REFERENCE_GREY}
+    assert set(encoded) == set(LIVE_TOPICS) - {"status", CONTACTS, SLIP, Topic.MEASURED, Topic.REFERENCE_GREY}
     assert MESSAGES.path(POINTS) == "/left_hand/points"
     assert [status.message for status in stamped[Topic.WARNINGS].status] == [
         warning.value for warning in reading.warnings
@@ -101,14 +104,27 @@ def test_contacts_are_json_in_metres_with_null_for_what_is_not_known(reading: Re
     found = ContactTracker().update(reading)
     said = json.loads(decode(CONTACTS, encode_ros2_contacts(found, WALL_NS)).data)
     (contact,) = said["contacts"]
-    assert said["stamp_ns"] == WALL_NS and said["slip"]["state"] == contact["slip"]["state"] == "static"
-    assert said["slip"]["friction"] is None and contact["number"] == 1
+    slip = json.loads(decode(SLIP, encode_ros2_slip(found.slip, WALL_NS)).data)
+    assert said["stamp_ns"] == slip["stamp_ns"] == WALL_NS and slip["state"] == contact["slip"]["state"] == "static"
+    assert slip["friction"] is None and contact["number"] == 1
     assert contact["centre_m"] == pytest.approx((1e-3 * found.contacts[0].centre_mm).tolist())
     assert contact["force_n"] is None, "the estimate has no tractions to cut"
-    free = json.loads(
-        decode(CONTACTS, encode_ros2_contacts(ContactTracker().update(replace(reading, force=None)), 0)).data
-    )
-    assert free["slip"]["state"] == "unknown"
+    free = ContactTracker().update(replace(reading, force=None))
+    assert json.loads(decode(SLIP, encode_ros2_slip(free.slip, 0)).data)["state"] == "unknown"
+
+
+def test_the_frame_of_the_object_moves_its_first_contact_to_where_it_is_now() -> None:
+    moved = RigidMotion().perturbed(np.zeros(3), np.array([1.0, -0.5, 0.1, 0.1, -0.05, 0.7]))
+    first_mm = np.array([2.0, 1.0, -0.4])
+    motion = ObjectMotion(TrackState.TRACKED, motion=moved, position_mm=moved(first_mm))
+    (transform,) = type_store().deserialize_cdr(MESSAGES.encode_object_transform(motion, WALL_NS), TF_TYPE).transforms
+    assert transform.child_frame_id.endswith("_object") and transform.header.frame_id.endswith("_skin")
+    place, turn = transform.transform.translation, transform.transform.rotation
+    assert [place.x, place.y, place.z] == pytest.approx((1e-3 * moved(first_mm)).tolist())
+    rotation = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+    # Another point of the object is where this frame carries it.
+    other_mm = np.array([3.0, -1.0, -0.2])
+    assert motion.position_mm + rotation @ (other_mm - first_mm) == pytest.approx(moved(other_mm))
 
 
 @pytest.mark.parametrize("turn_deg", [0, 90, -130])

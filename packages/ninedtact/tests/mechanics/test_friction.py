@@ -35,7 +35,7 @@ def test_a_ball_on_a_half_space_slips_from_its_rim_as_cattaneo_and_mindlin_say(p
     shear = mindlin_shear_force_n(gel, ball, friction, part * slips_at)
     images = SQUARE_LATTICE_SUM / grid.width_mm * shear * 1.5 / (4 * np.pi * 0.1)
     target = np.stack([np.full(grid.shape, part * slips_at - images), np.zeros(grid.shape)])
-    start = ShearSolution(0 * target, 0 * target, zero, zero, zero)
+    start = ShearSolution(0 * target, 0 * target, zero, zero, zero, operators.first_step_lengths(zero)[1])
     found = solve_shear(operators, target, FrictionLimit(friction * pressure), start, tolerance, 500)
     assert found.residual_mm <= tolerance
     assert found.shear_mpa[0].sum() * grid.cell_area_mm2 == pytest.approx(shear, rel=0.03)

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from gels import SMALL
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ninedtact.design import DesignImpossible
-from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
+from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import (
     _TILT_DRIFT_MM,
     _TILT_REACH_MM,
@@ -91,3 +94,17 @@ def test_a_tilted_ball_is_the_ball_about_its_lowest_point() -> None:
     centre = pose.origin_mm + pose.rotation @ [0, 0, 3.0]
     expected = centre[2] - np.sqrt(9 - (x - centre[0]) ** 2 - (y - centre[1]) ** 2)
     np.testing.assert_allclose(ball.height_over_skin_mm(pose, x, y), expected, atol=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-3, 3))
+def test_only_the_lines_near_a_tilted_object_need_a_search(tilt_x, tilt_y, twist):
+    ridge = np.full((9, 31), 12.0)
+    ridge[3:6] = np.linspace(0, 2, 31)  # high at one end
+    narrow = HeightGridIndenter("ridge", ridge, 0.2)
+    pose = Pose(1.0, -0.5, 0.7, twist, tilt_x, tilt_y)
+    near = narrow.height_over_skin_mm(pose, *SMALL.positions_mm)
+    with pytest.MonkeyPatch.context() as everywhere:
+        everywhere.setattr(HeightGridIndenter, "half_size_mm", (50.0, 50.0))
+        np.testing.assert_array_equal(near, narrow.height_over_skin_mm(pose, *SMALL.positions_mm))
+    assert near.min() < 1

@@ -15,8 +15,8 @@ from ninedtact import Frame, Wrench
 from ninedtact.bounds_and_checked_reading import parse_toml
 from ninedtact.capture.strict_image_reading import decode_image_file
 from ninedtact.cli import main
+from ninedtact.csv_table import to_csv
 from ninedtact.errors import FileFormatError, NinedtactError
-from ninedtact.recording.export import csv_cell
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import RecordingEvent, RecordingEventKind, Topic, encode_image
@@ -149,7 +149,7 @@ def test_names_of_strangers_are_escaped_in_terminals_messages_and_tables(
         code, said = run(capsys, *words)
         assert code == 0 and not set(said) & set("\x1b\u202e\x9b")
     assert "\x1b" not in str(NinedtactError("expected a, got \x1b[2J; b"))
-    assert csv_cell("=1+1") == "'=1+1" and csv_cell(-1.5) == -1.5 and csv_cell("ball") == "ball"
+    assert to_csv(["a", "b", "c"], [["=1+1", -1.5, "ball"]]).decode().splitlines() == ["a,b,c", "'=1+1,-1.5,ball"]
     surrogates = RecordingMetadata("x", source="caf\udce9.mp4").to_mcap_metadata()
     assert surrogates["source"].encode().decode() == "caf\\udce9.mp4"
 

@@ -71,6 +71,28 @@ def test_bands_are_taken_out_and_named_with_their_period(
     assert change.warnings == (EstimateWarning.LIGHT_BANDED,)
 
 
+@given(st.floats(0.013, 0.05), st.floats(0, 2 * np.pi), st.sampled_from([UNTOUCHED, PRESSED]))
+@settings(max_examples=20, deadline=None)
+def test_a_gradient_is_taken_out_beside_a_press_and_named(amplitude: float, towards: float, grey: np.ndarray) -> None:
+    x, y = ACROSS / (COLS / 2) - 1, ALONG / (ROWS / 2) - 1
+    slope = np.exp(amplitude * (np.cos(towards) * x + np.sin(towards) * y)).astype(np.float32)
+    image = noisy(grey * slope)
+    corrected, change = CORRECT(image, REFERENCE)
+    assert np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 10)).max() < 0.004
+    assert change.warnings == (EstimateWarning.LIGHT_CHANGED,) and "unevenly" in change.sentences[0]
+    np.testing.assert_allclose(change.restore(corrected.grey), image.grey, rtol=1e-5)
+
+
+@given(st.floats(0.014, 0.022), st.floats(-1, 1), st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_untouched_skin_is_even_again_in_light_of_second_order(amplitude: float, shape: float, dimmer: bool) -> None:
+    x, y = ACROSS / (COLS / 2) - 1, ALONG / (ROWS / 2) - 1
+    light = amplitude * (x**2 + shape * y**2 + 0.3 * x * y)
+    corrected, change = CORRECT(noisy(UNTOUCHED * np.exp(-light if dimmer else light).astype(np.float32)), REFERENCE)
+    even = cv2.GaussianBlur(corrected.grey / UNTOUCHED, (0, 0), 10)
+    assert change.gradient is not None and even.max() - even.min() < 0.004
+
+
 @given(st.floats(3, 16), st.floats(0.15, 0.7), st.integers(40, 420), st.integers(40, 300), st.booleans())
 @settings(max_examples=30, deadline=None)
 def test_a_sharp_spot_is_dirt_and_what_is_beneath_it_stays(
@@ -84,6 +106,17 @@ def test_a_sharp_spot_is_dirt_and_what_is_beneath_it_stays(
     beneath = (grey / UNTOUCHED)[np.hypot(ALONG - y, ACROSS - x) < radius_px + 8]
     hidden = float(beneath.max() - beneath.min())  # nothing tells what is only seen through the spot
     assert np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 4)).max() < max(0.02, hidden)
+
+
+def test_nothing_touches_a_real_sensor_whose_light_has_become_uneven(sensor_a: SensorFolder, real_data: object) -> None:
+    """The two reference images of its calibration were taken at other times; one of each is measured against the other."""
+    references = [read_image(real_data / "sensor_a" / f"{press}_reference.png") for press in ("board", "ball")]  # type: ignore[operator]
+    physics = sensor_a.estimator("physics")
+    for before, after in (references, references[::-1]):
+        reading = read_frame(Frame(after), sensor_a.shape, sensor_a.shape.depth_reader(Frame(before)))
+        assert EstimateWarning.LIGHT_CHANGED in reading.light.warnings
+        estimate = physics.estimate(reading)
+        assert not estimate.touching and not estimate.wrench.six.any()
 
 
 def test_presses_of_real_sensors_are_neither_dirt_nor_bands(sensor_a: SensorFolder, real_data: object) -> None:

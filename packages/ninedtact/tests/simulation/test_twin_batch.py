@@ -13,7 +13,7 @@ from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import NonPositiveLoad
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter
-from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.twin import Press, Twin, default_twin
 from ninedtact.simulation.twin_batch import TwinBatch
@@ -99,13 +99,32 @@ def test_a_refused_environment_is_reset_alone(twin: Twin) -> None:
     assert not lifted.touches
 
 
+def test_poses_may_lie_anyhow(twin: Twin) -> None:
+    poses = poses_at(2)[:2]
+    kinds = [torch.from_numpy(poses), torch.from_numpy(np.asfortranarray(poses)), poses.tolist(), poses]
+    wrenches = [TwinBatch(twin, [Ball(4.0)] * 2).step(one).corrected.wrenches().numpy() for one in kinds]  # type: ignore[arg-type]
+    assert all(np.array_equal(one, wrenches[0]) for one in wrenches)
+
+
 def test_bad_input_is_one_sentence(twin: Twin) -> None:
     with pytest.raises(InputError, match="at least one environment"):
         TwinBatch(twin, [])
     batch = TwinBatch(twin, [Ball(4.0)] * 2)
-    with pytest.raises(InputError, match=r"poses of 2 environments, \(2, 6\), got \(3, 6\)"):
+    with pytest.raises(
+        InputError, match="expected one twin for all environments, got an object of type list; give a batch"
+    ):
+        TwinBatch([twin, twin], [Ball(4.0)] * 2)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"expected a device of torch .*, got 'gpu' \(.*\); give another"):
+        TwinBatch(twin, [Ball(4.0)] * 2, "gpu")
+    with pytest.raises(InputError, match=r"finite poses .* of shape \(2, 6\), got shape \(3, 6\); correct them"):
         batch.step(torch.zeros(3, 6))
-    with pytest.raises(InvalidPose, match="finite"):
-        batch.step(torch.full((2, 6), torch.nan))
+    poses = torch.zeros(2, 6)
+    poses[1, 0] = torch.nan
+    with pytest.raises(
+        InputError, match=r"got some that are not, of environments \[1\]; correct them; nothing was stepped"
+    ):
+        batch.step(poses)
+    with pytest.raises(InputError, match=r"expected numbers of environments from 0 to 1, got \[2\]; correct them"):
+        batch.reset(np.array([2]))
     with pytest.raises(NonPositiveLoad):
         batch.step(torch.zeros(2, 6), torch.tensor([1.0, -1.0]))

@@ -18,7 +18,7 @@ from small_calibrated_twin import PluggedCamera
 from small_sensor import wait_until
 
 from ninedtact.calibration.force_calibration import KnownLoadCalibration
-from ninedtact.calibration.known_load_fit import ForceScaleImpossible
+from ninedtact.calibration.gel_fit_to_known_loads import ForceScaleImpossible
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
 from ninedtact.design import Gel, SensorDesign

@@ -34,7 +34,7 @@ from ninedtact.errors import InputError
 from ninedtact.live.reading_recorder import RecordedSensorMetadata
 from ninedtact.live.socket_guard import SocketGuard, SocketLimits
 from ninedtact.simulation.press_sequence import PressSequence
-from ninedtact.studio.accepted_page_messages import PART_BYTES, UploadTest, decode_page_message
+from ninedtact.studio.accepted_page_messages import PART_BYTES, OneUploadPerClient, decode_page_message
 from ninedtact.studio.calibration_page import CalibrationPage
 from ninedtact.studio.calibration_session import CalibrationSession
 from ninedtact.studio.guided_session import SwitchableCamera
@@ -157,14 +157,14 @@ def test_only_what_the_controls_of_a_page_send_is_passed_on_and_one_file_at_a_ti
     assert [one for one in SENT_BY_CONTROLS if decode_page_message(encode(one)) is None] == []
     assert [one for one in SENT_BY_NOBODY if decode_page_message(encode(one)) is not None] == []
     assert [junk for junk in ("text", b"", b"\xc1", b"\x91" * 50_000) if decode_page_message(junk) is not None] == []
-    test = UploadTest()
+    test = OneUploadPerClient()
     other = {"transfer_uuid": "other"}
     first, last = PART | {"content": b"x" * PART_BYTES}, PART | {"part_index": 1, "content": b"xyz"}
     sent = (first, START, START | other, first | other, first, START | other, last, last, START | other, CLICK)
     taken = [test.accepts(decode_page_message(encode(one))) for one in sent]
     assert taken == [False, True, False, False, True, False, True, False, True, True]
     of_another_size = (START | {"size_bytes": 9}, START, last, PART, first, PART | {"part_index": 1})
-    test = UploadTest()
+    test = OneUploadPerClient()
     assert [test.accepts(decode_page_message(encode(one))) for one in of_another_size] == [
         *(False, True, False, False, True, False)
     ]

@@ -42,6 +42,7 @@ from ninedtact.simulation.simulated_sources import (
     SimulatedCamera,
     SimulatedForceTorque,
 )
+from ninedtact.studio.followed_object import ObjectFollower
 from ninedtact.studio.page_controller import DisplayedSensor, PageMoment, SensorMoment
 from ninedtact.studio.press_control import (
     TwinPressController,
@@ -98,14 +99,22 @@ def pressed_twin(
             live = assemble_live_sensor(folder, sources, follow_reference=False, estimator=force)
             estimated = WrenchHistory("estimated", "by physics", states_errors=True)
 
-            def keep(reading: Reading, number: int = number, estimated: WrenchHistory = estimated) -> None:
+            follower = ObjectFollower(simulation.press_at)
+
+            def keep(
+                reading: Reading,
+                number: int = number,
+                estimated: WrenchHistory = estimated,
+                follower: ObjectFollower = follower,
+            ) -> None:
                 assert reading.force is not None
                 estimated.add_estimate(reading.force)
                 recorder.add(reading, number)
+                follower.add(reading)
 
             loop = opened.enter_context(SensorPoller(live.sensor, keep))
             true = opened.enter_context(WrenchPoller(sources.force_torque, "true", "of the simulation")).history
-            sensors.append(DisplayedSensor(loop, [true, estimated], TwinPressController(simulation), name))
+            sensors.append(DisplayedSensor(loop, [true, estimated], TwinPressController(simulation), name, follower))
         panel = partial(RecordingsPanel, context=RecordingsPanelContext(folder, recorder))
         served = opened.enter_context(served_page(sensors, out, [panel], quota))
         assert sensors[0].press is not None
@@ -168,6 +177,8 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         assert np.corrcoef(moment.reading.height.z_mm.ravel(), true.z_mm.ravel())[0, 1] > 0.97
         shown = re.search(r"maximum indentation\s*([\d.]+)", said)
         assert shown is not None and float(shown[1]) == pytest.approx(moment.reading.max_indentation_mm, abs=0.03)
+        assert moment.followed.seen is not None and moment.followed.true is not None
+        assert re.search(r"(static|incipient|gross)\s+x mm\s+y mm\s+turn\s+sticks\s+seen\s.*\s+true\s", said)
         force_n = float(view.press.corrected.wrench().force_n[2])
         assert f_z_on_page(said) == pytest.approx(force_n, abs=0.02)
         estimate, std = re.findall(r"[\d.]+", f_z_row(said)[2])

@@ -8,7 +8,8 @@ from skins import DEPTH_MM, MM_PER_PX, RADIUS_MM, ball_print, plane
 
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.surface import summarise_shape
-from ninedtact.studio.page_cards import shape_summary_html
+from ninedtact.studio.followed_object import FollowedObject, ObjectPath
+from ninedtact.studio.page_cards import followed_object_html, shape_summary_html
 from ninedtact.studio.reading_view import MAX_SURFACE_POINTS, skin_surface
 from ninedtact.tracking import SlipEstimate, SlipState
 
@@ -48,11 +49,13 @@ def test_a_press_deeper_than_the_curve_is_shown_as_a_lower_limit() -> None:
     assert "≥ 1.90" in deeper and "is a lower limit" in deeper
 
 
-def test_the_slip_lamp_says_how_much_sticks_and_is_out_where_slip_is_unknown() -> None:
-    summary = summarise_shape(ball_print())
+def test_the_slip_lamp_says_how_much_sticks_and_is_out_where_nothing_touches() -> None:
+    path = ObjectPath(np.array([[0.0, 0.0], [0.5, -0.1]]), np.radians(12.3), np.radians(0.5), 0.34)
     dark, lit = (
-        shape_summary_html(summary, False, slip)
-        for slip in (SlipEstimate(), SlipEstimate(SlipState.INCIPIENT, sticking_share=0.34))
+        followed_object_html(one, False)
+        for one in (FollowedObject(), FollowedObject(0, SlipEstimate(SlipState.INCIPIENT), path))
     )
     assert "sticks" not in dark and "&#9679;" not in dark
-    assert "incipient, 34% sticks" in lit and "&#9679;" in lit
+    for text in ("incipient", "&#9679;", "+0.50", "\N{MINUS SIGN}0.10", "+12.3 ± 0.5°", "34%"):
+        assert text in lit
+    assert "true" not in lit

@@ -14,7 +14,7 @@ from ninedtact.reading import Reading, read_frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.twin import Press
-from ninedtact.tracking import ContactTracker, SlipState, find_contacts
+from ninedtact.tracking import ContactTracker, SlipState
 
 Presser = Callable[[Indenter, Pose, Press | None, int], tuple[Press, Reading]]
 
@@ -46,7 +46,7 @@ def two_balls(apart_mm: float, higher_mm: float) -> Indenter:
 
 def test_two_fingertips_are_two_contacts_whose_shares_add_up(press: Presser) -> None:
     true, reading = press(two_balls(9.0, 0.25), Pose(0.5, -0.4, 0.8), None, 0)
-    found = find_contacts(reading)
+    found = reading.contacts
     assert len(found) == 2 and reading.wrench is not None
     assert [one.centre_mm for one in found] == [pytest.approx([x, -0.4], abs=0.25) for x in (-4.0, 5.0)]
     shares = [one.force.wrench.six for one in found if one.force is not None]
@@ -61,7 +61,7 @@ def test_two_fingertips_are_two_contacts_whose_shares_add_up(press: Presser) -> 
 
 def test_a_contact_has_the_outline_and_orientation_of_what_touches(press: Presser) -> None:
     _, reading = press(indenter_from_name("cylinder:2,8"), Pose(1.0, 0.5, 0.6, np.radians(30)), None, 0)
-    (found,) = find_contacts(reading)
+    (found,) = reading.contacts
     assert found.force is reading.force
     assert np.degrees(found.orientation_rad) == pytest.approx(30, abs=3) and found.elongation > 2
     x, y = (found.outline_mm - found.centre_mm).T
@@ -71,7 +71,7 @@ def test_a_contact_has_the_outline_and_orientation_of_what_touches(press: Presse
 
 def test_nothing_touches_no_contact(press: Presser) -> None:
     _, reading = press(indenter_from_name("ball:4"), Pose(depth_mm=-1.0), None, 0)
-    assert find_contacts(reading) == ()
+    assert reading.contacts == ()
     nothing = ContactTracker().update(reading)
     assert nothing.contacts == nothing.slips == () and nothing.slip.state == SlipState.UNKNOWN
 

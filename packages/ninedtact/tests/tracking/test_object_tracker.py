@@ -23,14 +23,13 @@ class Seen:
     """What a tracker needs of a reading."""
 
     height: HeightMap
-    is_touched: bool = True
-    force: None = None
+    is_touching: bool = True
     image_warnings: tuple[EstimateWarning, ...] = ()
     warnings: tuple[EstimateWarning, ...] = field(default=())
 
     @property
     def contact(self) -> np.ndarray:
-        return (self.height.z_mm < -0.03) & self.is_touched
+        return (self.height.z_mm < -0.03) & self.is_touching
 
 
 def turned_by(yaw_rad: float, x_mm: float = 0.0) -> RigidMotion:
@@ -54,7 +53,7 @@ def test_a_whole_turn_is_followed_over_key_frames_with_errors_that_grow_and_cove
 @pytest.mark.usefixtures("without_type_checks")
 def test_an_object_that_comes_back_is_recognised_and_another_one_is_not() -> None:
     tracker = ObjectTracker()
-    free = Seen(seen_height(bumpy, RigidMotion()), is_touched=False)
+    free = Seen(seen_height(bumpy, RigidMotion()), is_touching=False)
     first, gone = (tracker.update(one) for one in (Seen(seen_height(bumpy, RigidMotion())), free))  # type: ignore[arg-type]
     assert first.path == 1 and gone.state == TrackState.NO_CONTACT and np.isnan(gone.moved_mm).all()
     back = tracker.update(Seen(seen_height(bumpy, turned_by(0.1, 0.6))))  # type: ignore[arg-type]

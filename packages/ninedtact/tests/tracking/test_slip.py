@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ninedtact.errors import InputError
-from ninedtact.tracking import SlipEstimate, SlipEstimator, SlipState
+from ninedtact.tracking import SlipEstimate, SlipEstimator, SlipSample, SlipState
 
 FRICTION, LOAD_N, STIFFNESS_N_PER_MM, RATE_HZ = 0.5, 2.0, 1.6, 60.0
 SLIDES_AT_MM = 1.5 * FRICTION * LOAD_N / STIFFNESS_N_PER_MM
@@ -42,7 +42,7 @@ def follow(
         time_s = start_s + step / RATE_HZ
         found.append(
             estimator.update(
-                time_s, length * place_mm, length * 0.01, force * tangential_n, force * normal, force * 0.01
+                SlipSample(time_s, length * place_mm, force * tangential_n, force * normal, length * 0.01, force * 0.01)
             )
         )
     return found
@@ -88,15 +88,15 @@ def test_what_is_known_of_friction_stays_when_the_object_is_lifted_and_time_must
     # Known friction tells the share that sticks before anything slides.
     assert again[-1].sticking_share == pytest.approx(sticking_share(DRAG_MM)[29], abs=0.15)
     with pytest.raises(InputError, match="later than the last one"):
-        estimator.update(10.0, np.zeros(2), 0.01, np.zeros(2), 1.0, 0.01)
+        estimator.update(SlipSample(10.0, np.zeros(2), np.zeros(2), 1.0, 0.01, 0.01))
 
 
 @pytest.mark.parametrize("number", range(5))
 def test_a_number_that_is_missing_gives_an_unknown_slip_and_a_gap_in_time_no_false_one(number: int) -> None:
     estimator = SlipEstimator()
     found = follow(estimator, DRAG_MM[:30], tangential_load_n(DRAG_MM[:30]))
-    values = [np.array([0.5, 0.0]), 0.01, np.array([0.5, 0.0]), LOAD_N, 0.01]
+    values = [np.array([0.5, 0.0]), np.array([0.5, 0.0]), LOAD_N, 0.01, 0.01]
     values[number] = values[number] * np.nan
-    assert estimator.update(0.5, *values).state == SlipState.UNKNOWN
+    assert estimator.update(SlipSample(0.5, *values)).state == SlipState.UNKNOWN
     later = follow(estimator, DRAG_MM[29:30], tangential_load_n(DRAG_MM[29:30]), start_s=30.0)
     assert later[0].state == found[-1].state

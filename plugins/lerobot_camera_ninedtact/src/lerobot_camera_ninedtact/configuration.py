@@ -60,6 +60,8 @@ class WrenchSensor:
     """Camera ("0", "usb:1-2"), stream, recording, or "sim" for the sensor's twin."""
     force: str = "physics"
     """Estimator: physics, or a force model (.onnx)."""
+    tracking: bool = False
+    """Add contacts, motion of the object and slip."""
 
 
 @RobotConfig.register_subclass("ninedtact_wrench")

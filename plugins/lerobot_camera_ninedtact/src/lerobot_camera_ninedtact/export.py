@@ -9,10 +9,12 @@ import numpy as np
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from numpy.typing import NDArray
 
+from lerobot_camera_ninedtact.tracking_features import TRACKING_NAMES, tracking_values
 from ninedtact.atomic_write import create_folder_atomically
 from ninedtact.errors import InputError
 from ninedtact.recording.episode_sensors import write_episode_sensors
 from ninedtact.recording.export import WRENCH_COLUMNS, require_empty_folder, require_exportable
+from ninedtact.recording.followed_recording import follow_recording
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.summary import median_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
@@ -23,6 +25,8 @@ IMAGE, TIME = "observation.images.tactile", "observation.time_s"
 MEASURED, ESTIMATED = "observation.wrench", "observation.wrench_estimated"
 """The wrench of the force/torque sensor and that of the estimator, each where the recordings hold it."""
 STD, WARNINGS = "observation.wrench_estimated_std", "wrench_estimated_warnings"
+TRACKING = "observation.tracking"
+"""Contacts, motion and slip (`tracking_features`)."""
 UNKNOWN_STD = 1e6
 """Standard deviation in N and N·m of an estimate that knows nothing, in place of infinity, which statistics cannot hold."""
 _RATE_TOLERANCE = 0.05
@@ -36,13 +40,14 @@ def export_lerobot(
     task: str = "touch",
     on_image: Callable[[], None] = lambda: None,
     fps: int | None = None,
+    tracking: bool = False,
 ) -> dict[str, int]:
     """Write recordings as the episodes of one data set into a new or empty folder; return its episodes, frames and features.
 
     task: what is done in them, in words. fps: frames per second of the data set, for each of which the nearest image is taken;
     None takes all images, at the rate that the recordings have in common. Wrenches are interpolated linearly at the times of the
-    images. Raises `OutputError`, `InputError` for recordings that cannot be episodes of one data set, and `RecordingUnreadable`
-    for a damaged recording; the folder is then as it was before.
+    images. tracking: add contacts, motion and slip. Raises `OutputError`, `InputError` for recordings that cannot be episodes of
+    one data set, and `RecordingUnreadable` for a damaged recording; the folder is then as it was before.
     """
     require_empty_folder(out)
     for recording in recordings:
@@ -51,12 +56,12 @@ def export_lerobot(
     with create_folder_atomically(out) as folder:
         root = folder / "set"  # which LeRobot wants to create
         written = LeRobotDataset.create(
-            f"local/{out.name}", rate_hz, kind.features(), root, robot_type="ninedtact", use_videos=False
+            f"local/{out.name}", rate_hz, kind.features(tracking), root, robot_type="ninedtact", use_videos=False
         )
         for recording in recordings:
             stamps_ns = recording.stamps_ns(Topic.IMAGES)
             times = _frames_of_images(stamps_ns, fps)
-            for row, number in zip(_rows(recording, kind, stamps_ns), times, strict=True):
+            for row, number in zip(_rows(recording, kind, stamps_ns, tracking), times, strict=True):
                 for _ in range(number):
                     written.add_frame(row | {"task": task})
                 on_image()
@@ -90,13 +95,15 @@ class _EpisodeKind:
         wrenches = " and ".join(key.removeprefix("observation.") for key in self.wrenches) or "no wrench"
         return f"{cols} x {rows} px and {wrenches}"
 
-    def features(self) -> dict[str, Any]:
+    def features(self, tracking: bool) -> dict[str, Any]:
         """Return the features of the data set, without those that LeRobot adds."""
         image = {"dtype": "image", "shape": self.image_shape, "names": ["height", "width", "channels"]}
         six = {"dtype": "float32", "shape": (6,), "names": list(WRENCH_COLUMNS)}
         features = {IMAGE: image, **dict.fromkeys(self.wrenches, six)}
         if ESTIMATED in self.wrenches:
             features |= {STD: six, WARNINGS: {"dtype": "int64", "shape": (1,), "names": None}}
+        if tracking:
+            features[TRACKING] = {"dtype": "float32", "shape": (len(TRACKING_NAMES),), "names": list(TRACKING_NAMES)}
         return features | {TIME: {"dtype": "float64", "shape": (1,), "names": None}}
 
 
@@ -149,13 +156,18 @@ def _frames_of_images(stamps_ns: NDArray[np.int64], fps: int | None) -> NDArray[
     return np.bincount(order[ahead], minlength=len(stamps_ns))
 
 
-def _rows(recording: Recording, kind: _EpisodeKind, stamps_ns: NDArray[np.int64]) -> Iterator[dict[str, Any]]:
+def _rows(
+    recording: Recording, kind: _EpisodeKind, stamps_ns: NDArray[np.int64], tracking: bool
+) -> Iterator[dict[str, Any]]:
     columns = {TIME: ((stamps_ns - stamps_ns[0]) / 1e9)[:, None]}
     if MEASURED in kind.wrenches:
         columns[MEASURED] = _wrenches_at(recording, Topic.MEASURED, stamps_ns)
     if ESTIMATED in kind.wrenches:
         columns[ESTIMATED] = _wrenches_at(recording, Topic.ESTIMATED, stamps_ns)
         columns |= _errors_at(recording, stamps_ns)
+    if tracking:
+        found = follow_recording(recording)
+        columns[TRACKING] = np.array([tracking_values(one) for one in found], np.float32)
     for number, frame in enumerate(recording.frames()):
         yield {IMAGE: frame.image[..., ::-1].copy()} | {key: values[number] for key, values in columns.items()}
 

@@ -10,6 +10,7 @@ from lerobot.utils.errors import DeviceNotConnectedError
 
 import ninedtact
 from ninedtact.errors import NinedtactError
+from ninedtact.tracking import ContactTracker, TrackedContacts
 
 FIRST_READING_S = 10.0
 """Longest wait for the first reading after the reference image has been taken."""
@@ -26,6 +27,8 @@ class NumberedReading:
     reading: ninedtact.Reading
     arrived_s: float
     """Time of `time.monotonic` at which it was computed."""
+    tracked: TrackedContacts | None = None
+    """What touches, where some user of the stream asked for it."""
 
 
 class SensorStream:
@@ -36,6 +39,8 @@ class SensorStream:
         self.folder = ninedtact.load_sensor(sensor_folder)
         self.sensor = ninedtact.open(self.folder, source, force="none", settings=settings)
         self.fps, self.force, self.users = fps, "none", 0
+        self.tracker: ContactTracker | None = None
+        """Follows what touches; None while no user asks for it."""
         self._latest: NumberedReading | None = None
         self._error: BaseException | None = None
         self._changed = Condition()
@@ -91,8 +96,9 @@ class SensorStream:
         try:
             while not self._closing:
                 reading = self.sensor.read()
+                tracked = None if self.tracker is None else self.tracker.update(reading)
                 with self._changed:
-                    self._latest = NumberedReading(self.newest_number + 1, reading, time.monotonic())
+                    self._latest = NumberedReading(self.newest_number + 1, reading, time.monotonic(), tracked)
                     self._changed.notify_all()
         except Exception as error:  # whatever ends the thread is raised again where readings are waited for
             with self._changed:
@@ -100,7 +106,9 @@ class SensorStream:
                 self._changed.notify_all()
 
 
-def connect_stream(sensor_folder: str, source: str, fps: int | None = None, force: str | None = None) -> SensorStream:
+def connect_stream(
+    sensor_folder: str, source: str, fps: int | None = None, force: str | None = None, tracking: bool = False
+) -> SensorStream:
     """Return the stream of a sensor, opened where it is not; raises `ConnectionError` with ninedtact's sentence."""
     key = os.path.realpath(sensor_folder), source
     with _streams_lock:
@@ -113,6 +121,8 @@ def connect_stream(sensor_folder: str, source: str, fps: int | None = None, forc
             stream = stream or SensorStream(sensor_folder, source, fps)
             if force is not None:
                 stream.use_force(force)
+            if tracking and stream.tracker is None:
+                stream.tracker = ContactTracker()
             if not stream.users:
                 stream.start()
         except NinedtactError as error:

@@ -11,6 +11,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from lerobot_camera_ninedtact.configuration import NinedtactWrenchRobotConfig
 from lerobot_camera_ninedtact.sensor_stream import FIRST_READING_S, SensorStream, connect_stream, release_stream
+from lerobot_camera_ninedtact.tracking_features import TRACKING_NAMES, tracking_values
 
 MAX_AGE_S = 0.5
 """Age from which a wrench is no longer that of the present observation."""
@@ -19,7 +20,8 @@ _logger = logging.getLogger(__name__)
 
 
 class NinedtactWrenchRobot(Robot):
-    """A robot with the features `NAME.fx` … `NAME.tz` of every sensor: what the object applies to the skin, N and N·m."""
+    """A robot with the features `NAME.fx` … `NAME.tz` of every sensor: what the object applies to the skin, N and N·m; with
+    `tracking` those of `TRACKING_NAMES`, too."""
 
     config_class = NinedtactWrenchRobotConfig
     name = "ninedtact_wrench"
@@ -38,9 +40,13 @@ class NinedtactWrenchRobot(Robot):
 
     @cached_property
     def observation_features(self) -> dict[str, Any]:
-        """The features of the arm, and six of each sensor."""
-        six = {f"{name}.{axis}": float for name in self.config.sensors for axis in _AXES}
-        return {**self.arm.observation_features, **six}
+        """The features of the arm, and those of each sensor."""
+        of_sensors = {
+            f"{name}.{part}": float
+            for name, one in self.config.sensors.items()
+            for part in (*_AXES, *(TRACKING_NAMES if one.tracking else ()))
+        }
+        return {**self.arm.observation_features, **of_sensors}
 
     @property
     def action_features(self) -> dict[str, Any]:
@@ -58,8 +64,15 @@ class NinedtactWrenchRobot(Robot):
             raise DeviceAlreadyConnectedError(f"{self} is already connected.")
         try:
             for name, one in self.config.sensors.items():
-                self._streams[name] = connect_stream(one.sensor_folder, one.source, force=one.force)
-                self._streams[name].wait_for(lambda one: one.reading.wrench is not None, FIRST_READING_S)
+                self._streams[name] = connect_stream(
+                    one.sensor_folder, one.source, force=one.force, tracking=one.tracking
+                )
+                self._streams[name].wait_for(
+                    lambda newest, tracking=one.tracking: (
+                        newest.reading.wrench is not None and (newest.tracked is not None or not tracking)
+                    ),
+                    FIRST_READING_S,
+                )
             self.arm.connect(calibrate)
         except BaseException:
             self._release_sensors()
@@ -85,13 +98,17 @@ class NinedtactWrenchRobot(Robot):
         observation = dict(self.arm.get_observation())
         for name, stream in self._streams.items():
             since_s = time.monotonic() - MAX_AGE_S
-            reading = stream.wait_for(lambda one, since_s=since_s: one.arrived_s >= since_s, MAX_AGE_S).reading
+            newest = stream.wait_for(lambda one, since_s=since_s: one.arrived_s >= since_s, MAX_AGE_S)
+            reading, tracked = newest.reading, newest.tracked
             if reading.warnings != self._warnings.get(name, ()):
                 self._warnings[name] = reading.warnings
                 _logger.warning(
                     "%s: %s", name, ", ".join(one.value for one in reading.warnings) or "no warning any more"
                 )
             observation |= {f"{name}.{axis}": float(part) for axis, part in zip(_AXES, reading.wrench.six, strict=True)}
+            if self.config.sensors[name].tracking and tracked is not None:
+                values = zip(TRACKING_NAMES, tracking_values(tracked), strict=True)
+                observation |= {f"{name}.{part}": value for part, value in values}
         return observation
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:

@@ -21,7 +21,6 @@ from ninedtact.mechanics.active_region import (
     GridRectangle,
     find_active_rectangles,
     points_inside_rectangles,
-    whole_grid_rectangle,
 )
 from ninedtact.mechanics.contact_model import (
     ContactModel,
@@ -69,8 +68,8 @@ class SkinStack:
     setups: Sequence[SimulatedSetup]
     like: Any
     """An array whose library, precision and device all fields have."""
-    shear_compliances: dict[tuple[int, tuple[int, int]], float] = field(default_factory=dict)
-    """The largest compliance to shear in a region, by sensor and shape of the region, as far as it was needed."""
+    max_compliances: dict[tuple[int, tuple[int, int]], tuple[float, float]] = field(default_factory=dict)
+    """The largest compliance to pressure and to shear in a region, by sensor and shape of the region, as far as it was needed."""
 
     @cached_property
     def index(self) -> dict[SimulatedSetup, int]:
@@ -98,10 +97,11 @@ class SkinStack:
         )
         indices = xp.asarray(np.array(sensors), device=device(self.like))
         normal, bulge, diagonal, crossed = (xp.take(symbol, indices, axis=0) for symbol in self._symbols)
-        softest = [self._shear_compliance(*one) for one in zip(sensors, rectangles, strict=True)]
+        softest = np.array([self._max_compliances(*one) for one in zip(sensors, rectangles, strict=True)])
         operators = DisplacementOperators(
             *(normal, bulge, (diagonal, crossed), shape, shape),
-            max_shear_compliance_mm_per_mpa=expand_over_grid(np.array(softest), self.like)[..., None],
+            max_normal_compliance_mm_per_mpa=expand_over_grid(softest[:, 0], self.like),
+            max_shear_compliance_mm_per_mpa=expand_over_grid(softest[:, 1], self.like)[..., None],
             inside=xp.astype(inside, self.like.dtype),
         )
         return ActiveRectangles(inside, operators)
@@ -114,21 +114,21 @@ class SkinStack:
             [one.normal for one in operators],
             [one.bulge for one in operators],
             [one.tangential[0] for one in operators],
-            [one.tangential[1][None] for one in operators],
+            [one.tangential[1] for one in operators],
         )
         xp = array_namespace_of(self.like)
         normal, bulge, diagonal, crossed = (xp.asarray(np.stack(stack), device=device(self.like)) for stack in stacks)
         return normal, bulge, diagonal, crossed
 
-    def _shear_compliance(self, sensor: int, rectangle: GridRectangle) -> float:
-        """Return the largest compliance to shear of a cropped region, which sets the first step of the solver."""
+    def _max_compliances(self, sensor: int, rectangle: GridRectangle) -> tuple[float, float]:
+        """Return the largest compliances of a cropped region, which set the first steps of the solver."""
         key = sensor, rectangle.shape
-        if key not in self.shear_compliances:
+        if key not in self.max_compliances:
             skin = self.setups[sensor].twin.model.skin
             whole = rectangle.shape == skin.grid.shape
-            operators = skin.operators if whole else skin.build_cropped_operators(*rectangle.shape)
-            self.shear_compliances[key] = operators.max_shear_compliance_mm_per_mpa
-        return self.shear_compliances[key]
+            of = skin.operators if whole else skin.build_cropped_operators(*rectangle.shape)
+            self.max_compliances[key] = of.max_normal_compliance_mm_per_mpa, of.max_shear_compliance_mm_per_mpa
+        return self.max_compliances[key]
 
 
 @dataclass(frozen=True)
@@ -153,25 +153,29 @@ class ContactBatch:
     @cached_property
     def problem(self) -> ContactProblem:
         """The contact steps before they are solved. The depth of those that are pressed to a load is a first guess."""
-        blank = self.stack.initial_contact
-        last = Contact.stack(
-            [request.last.solved if request.last else replace(blank, pose=request.pose) for request in self.requests]
-        )
+        last = Contact.stack([self._last(request) for request in self.requests])
         indenter = self.store.batch([request.indenter for request in self.requests])
         pose = Pose.stack([request.pose for request in self.requests])
         friction = expand_over_grid(
             np.array([request.setup.twin.friction for request in self.requests]), self.stack.like
         )
-        return build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), friction)
+        guess = Contact.stack([request.guess or self._last(request) for request in self.requests])
+        return build_contact_problem_at_pose(last, indenter, pose, ContactConstraint(), friction, guess)
+
+    def _last(self, request: StepRequest) -> Contact:
+        """Return the contact from which a step continues."""
+        return request.last.solved if request.last else replace(self.stack.initial_contact, pose=request.pose)
+
+    @cached_property
+    def _rectangles(self) -> list[GridRectangle]:
+        """The rectangle of each contact."""
+        found = find_active_rectangles(self.problem.overlap_mm)
+        return [request.rectangle or one for request, one in zip(self.requests, found, strict=True)]
 
     @cached_property
     def regions(self) -> ActiveRectangles:
         """The region of each contact."""
-        overlap = self.problem.overlap_mm
-        whole = whole_grid_rectangle((overlap.shape[1], overlap.shape[2]))
-        each = zip(self.requests, find_active_rectangles(overlap), strict=True)
-        rectangles = [whole if request.on_whole_grid else rectangle for request, rectangle in each]
-        return self.stack.regions(self.sensors, rectangles, overlap)
+        return self.stack.regions(self.sensors, self._rectangles, self.problem.overlap_mm)
 
     @property
     def constraint(self) -> ContactConstraint:
@@ -201,7 +205,7 @@ class ContactBatch:
         )
 
     def responses(self) -> list[StepResponse]:
-        """Return the response to every request: the contact, its refusal, or the same request on the whole grid."""
+        """Return the response to every request: the contact, its refusal, or the same request in a larger region."""
         responses: dict[int, StepResponse] = {}
         for index, request in enumerate(self.requests):
             if response := self._refusal(index, request):
@@ -228,7 +232,7 @@ class ContactBatch:
         return presses
 
     def _refusal(self, index: int, request: StepRequest) -> NinedtactError | StepRequest | None:
-        """Return why a contact is refused, in the order of `Twin.press`; or the request to solve it on the whole grid.
+        """Return why a contact is refused, in the order of `Twin.press`; or the request to solve it in a larger region.
 
         The flags of the whole batch show which contacts may be refused; only those are checked one by one, as single contacts are.
         """
@@ -239,7 +243,8 @@ class ContactBatch:
                 if self._overlap_at_border[index]:
                     require_inside_grid(self.stack.skins[0].grid, self.problem.overlap_mm[index])
             if self._leaves_region[index]:
-                return replace(request, on_whole_grid=True)
+                rectangle = self._rectangles[index].enlarged(self.solution[1][index])
+                return replace(request, rectangle=rectangle, guess=self.contacts_of_sensor([index]).unstack()[0])
             if self._may_be_refused[index]:
                 contact = self.contacts_of_sensor([index]).unstack()[0]
                 twin.model.require_valid(contact, float(self._deepest_mm[index]))

@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 
 from ninedtact._version import installation_command
 from ninedtact.errors import DeviceError, NinedtactError
+from ninedtact.mechanics.active_region import GridRectangle
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.cuda_graphs import forget_graphs
 from ninedtact.mechanics.indenter import Indenter
@@ -47,8 +48,9 @@ class StepRequest:
     indenter: Indenter
     pose: Pose
     load_n: float | None = None
-    on_whole_grid: bool = False
-    """Whether to solve on the whole grid. A batch sets it where it found the region of this contact too small; on the processor
+    rectangle: GridRectangle | None = None
+    guess: Contact | None = None
+    """Where to solve, and the first guess. A batch sets them where it found the region of this contact too small; on the processor
     this happens within the step.
     """
 

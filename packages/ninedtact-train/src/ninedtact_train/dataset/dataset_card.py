@@ -18,10 +18,11 @@ from numpy import ndarray as Array
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
 from ninedtact.quantities import NO_OBJECT, WRENCH_AXES, Wrench
+from ninedtact.simulation.object_motions import HZ
 from ninedtact_train.dataset.folder import REPORT_FILE
-from ninedtact_train.dataset.generation.settings import GenerationSettings
+from ninedtact_train.dataset.generation.settings import GenerationSettings, SequenceSettings
 from ninedtact_train.dataset.parquet_files import escape_invalid_utf8, read_columns, wrench_array
-from ninedtact_train.dataset.schema import PAIR_COLUMNS
+from ninedtact_train.dataset.schema import PAIR_COLUMNS, TRUTH_COLUMNS, Column
 
 if TYPE_CHECKING:
     from ninedtact_train.dataset.fault_report import QualityReport
@@ -198,6 +199,27 @@ def format_generation_card(
     return "\n".join(lines)
 
 
+def format_sequences_card(settings: SequenceSettings, statistics: DatasetStatistics, version: str) -> str:
+    """Return the card of a data set of sequences."""
+    lines = [
+        *_format_header("9DTact twin, sequences", ("tactile-sensing", "robotics", "simulation", "slip"), licence=None),
+        "# Sequences of simulated 9DTact sensors with true motion and slip",
+        "",
+        f"Made by `ninedtact simulate sequences` {version}: {settings.sequences} sequences of {HZ:g} images per second, "
+        f"{statistics.pairs} images of {len(statistics.sensors)} sensors and {statistics.object_count} objects. Each file is one "
+        "sequence, and `step` counts its images. It contains no real image. Hold out whole sensors and objects with "
+        "`ninedtact dataset split --kind sensor_and_object`.",
+        "",
+        *_format_column_table((*PAIR_COLUMNS, *TRUTH_COLUMNS)),
+        "",
+        _FRAME,
+        "",
+        f"    {json.dumps(settings.to_json_dict())}",
+        "",
+    ]
+    return "\n".join(lines)
+
+
 def _format_header(title: str, tags: Sequence[str], licence: str | None) -> Iterator[str]:
     """Yield the YAML header that Hugging Face reads."""
     yield from ("---", f"pretty_name: {title}")
@@ -209,9 +231,9 @@ def _format_header(title: str, tags: Sequence[str], licence: str | None) -> Iter
     yield from ("---", "")
 
 
-def _format_column_table() -> Iterator[str]:
+def _format_column_table(columns: Sequence[Column] = PAIR_COLUMNS) -> Iterator[str]:
     yield from ("| column | meaning |", "|---|---|")
-    yield from (f"| {column.name} | {column.meaning} |" for column in PAIR_COLUMNS)
+    yield from (f"| {column.name} | {column.meaning} |" for column in columns)
 
 
 def _format_percentile_section(statistics: DatasetStatistics) -> Iterator[str]:

@@ -27,9 +27,11 @@ from ninedtact_train.dataset.schema import (
     FORMAT_KEY,
     PAIR_COLUMNS,
     REFERENCE_COLUMNS,
+    TRUTH_COLUMNS,
     WRENCH_MEANING,
     Column,
     DatasetRow,
+    MotionTruth,
     ReferenceImage,
 )
 
@@ -40,11 +42,20 @@ _READ_ERRORS = (pa.ArrowException, OSError, ValueError, MemoryError)
 _NO_WRENCH = [float("nan")] * 6
 _MOST_TEXT_BYTES, _MOST_VALUES_PER_ROW = 500_000_000, 16
 """Largest size of the texts of a file once they are decoded; a dictionary of Parquet stores a text once for any number of rows."""
+_MOST_TEXT_BYTES_PER_ROW = 10_000
+"""Largest size of the texts of a column, per row: names and places."""
+_IMAGE_COLUMNS = {column.name for column in (*PAIR_COLUMNS, *REFERENCE_COLUMNS) if column.kind == "image"}
 
 
 def write_pair_file(path: Path, rows: Iterable[DatasetRow]) -> None:
     """Write a file of pairs; raises `FileNotWritten`."""
     _write_parquet_file(path, map(_column_values, rows), PAIR_COLUMNS)
+
+
+def write_sequence_file(path: Path, images: Iterable[tuple[DatasetRow, MotionTruth]]) -> None:
+    """Write a file of one sequence, pairs with their truth; raises `FileNotWritten`."""
+    rows = ({**_column_values(row), **vars(truth)} for row, truth in images)
+    _write_parquet_file(path, rows, (*PAIR_COLUMNS, *TRUTH_COLUMNS))
 
 
 def write_reference_images_file(path: Path, references: Iterable[ReferenceImage]) -> None:
@@ -207,6 +218,15 @@ def _decoded_text_bytes(path: Path, metadata: Any) -> int:
             if column.num_values > _MOST_VALUES_PER_ROW * columns.num_rows:
                 raise ValueError(f"{column.num_values} values of {column.path_in_schema} in {columns.num_rows} rows")
             is_text = column.physical_type == "BYTE_ARRAY"
+            is_image = column.path_in_schema.split(".")[0] in _IMAGE_COLUMNS
+            if (
+                is_text
+                and not is_image
+                and column.total_uncompressed_size > _MOST_TEXT_BYTES_PER_ROW * (columns.num_rows + 100)
+            ):
+                raise ValueError(
+                    f"{column.total_uncompressed_size} bytes of texts in {columns.num_rows} rows of {column.path_in_schema}"
+                )
             if is_text and column.has_dictionary_page and column.total_uncompressed_size * column.num_values > 1e7:
                 name = column.path_in_schema
                 read = pq.ParquetFile(path, read_dictionary=[name]).read_row_group(group, columns=[name])

@@ -56,6 +56,37 @@ REFERENCE_COLUMNS = (_IMAGE, _REFERENCE_ID, _SENSOR)
 """All columns of `references.parquet`."""
 
 
+TRUTH_COLUMNS = (
+    Column("motion", "string", "kind of the motion of the whole sequence"),
+    Column("friction", "float32", "true friction coefficient"),
+    Column("x_mm", "float32", "true position of the object along x"),
+    Column("y_mm", "float32", "the same along y"),
+    Column("depth_mm", "float32", "true depth of the object's origin below the undeformed skin; negative above it"),
+    Column("twist_deg", "float32", "true turn of the object about z"),
+    Column("tilt_y_deg", "float32", "true tilt of the object about y"),
+    Column("slip", "string", "true state: `static`, `incipient`, `gross`, or `unknown` without contact"),
+    Column("sticking_share", "float32", "true share of the contact's area that sticks"),
+    Column("slip_speed_mm_s", "float32", "true mean speed of the object over the skin"),
+)
+"""Further columns of a data set of sequences, in the order of `MotionTruth`."""
+
+
+@dataclass(frozen=True)
+class MotionTruth:
+    """What a twin knows of one image of a sequence; its fields are the columns of `TRUTH_COLUMNS`."""
+
+    motion: str
+    friction: float
+    x_mm: float
+    y_mm: float
+    depth_mm: float
+    twist_deg: float
+    tilt_y_deg: float
+    slip: str
+    sticking_share: float
+    slip_speed_mm_s: float
+
+
 @dataclass(frozen=True)
 class DatasetRow:
     """One pair of image and wrench; its fields are the columns of `PAIR_COLUMNS`."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ninedtact.interop.mujoco import TactileReading
 from ninedtact_train.environments.tactile_environment import STEP_S, Observation, TactileEnvironment, gymnasium
+from ninedtact_train.environments.vector_environment import register_task
 
 SCENE = """
 <mujoco model="ball rolling">
@@ -88,4 +89,4 @@ class BallRollingEnvironment(TactileEnvironment):
         return float(np.hypot(*(self._goal_mm - self._ball_mm)))
 
 
-gymnasium.register("ninedtact/BallRolling-v0", entry_point=BallRollingEnvironment)
+register_task("ninedtact/BallRolling-v0", BallRollingEnvironment)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ninedtact.interop.mujoco import TactileReading
-from ninedtact_train.environments.tactile_environment import STEP_S, TactileEnvironment, gymnasium
+from ninedtact_train.environments.tactile_environment import STEP_S, TactileEnvironment
+from ninedtact_train.environments.vector_environment import register_task
 
 SCENE = """
 <mujoco model="edge following">
@@ -74,4 +75,4 @@ class EdgeFollowingEnvironment(TactileEnvironment):
         return RAIL_MM - 1e3 * float(self.data.joint("along").qpos[0])
 
 
-gymnasium.register("ninedtact/EdgeFollowing-v0", entry_point=EdgeFollowingEnvironment)
+register_task("ninedtact/EdgeFollowing-v0", EdgeFollowingEnvironment)

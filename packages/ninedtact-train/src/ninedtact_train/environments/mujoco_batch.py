@@ -98,44 +98,60 @@ class TactileSensorBatch:
         Raises what `TactileSensor.step` raises, with the number of the scene; then no scene has stepped on.
         """
         before = [sensor._press_before for sensor in self.sensors]
-        try:
-            contacts = self._solve_all()
-        except BaseException:
+        contacts = self._solve_all(range(len(self.sensors)))
+        refusals = [one for one in contacts.values() if isinstance(one, NinedtactError)]
+        if refusals:
             for sensor, press in zip(self.sensors, before, strict=True):
                 sensor._press_before = press
-            raise
-        images = self._images(contacts)
-        return [
-            sensor.show(*shown) for sensor, shown in zip(self.sensors, zip(contacts, images, strict=True), strict=True)
-        ]
+            raise refusals[0]
+        return [reading for reading in self._show(contacts).values() if isinstance(reading, TactileReading)]
 
-    def _solve_all(self) -> list[Contact | None]:
-        contacts: list[Contact | None] = [None] * len(self.sensors)
-        running = {number: sensor.press_steps() for number, sensor in enumerate(self.sensors)}
-        responses: dict[int, Press | None] = dict.fromkeys(running)
+    def step_each(self, scenes: Sequence[int]) -> dict[int, TactileReading | NinedtactError]:
+        """Press the twin in these scenes alone. A scene whose press is refused has the refusal as its answer, and must be reset."""
+        return self._show(self._solve_all(scenes))
+
+    def _show(self, contacts: dict[int, Contact | NinedtactError | None]) -> dict[int, TactileReading | NinedtactError]:
+        solved = {number: one for number, one in contacts.items() if not isinstance(one, NinedtactError)}
+        images = self._images(list(solved), list(solved.values()))
+        shown = {
+            number: self.sensors[number].show(contact, image)
+            for (number, contact), image in zip(solved.items(), images, strict=True)
+        }
+        return {number: shown.get(number, one) for number, one in contacts.items()}  # type: ignore[arg-type,misc]
+
+    def _solve_all(self, scenes: Sequence[int]) -> dict[int, Contact | NinedtactError | None]:
+        """Return the contact of each scene, None where nothing touches, or why it is refused."""
+        contacts: dict[int, Contact | NinedtactError | None] = dict.fromkeys(scenes)
+        running = {number: self.sensors[number].press_steps() for number in scenes}
+        responses: dict[int, Press | NinedtactError | None] = dict.fromkeys(running)
         while responses:
             requests: dict[int, ContactSolveRequest] = {}
             for number, response in responses.items():
+                if isinstance(response, NinedtactError):
+                    contacts[number] = response
+                    continue
                 try:
                     requests[number] = running[number].send(response)  # type: ignore[arg-type]  # None starts it
                 except StopIteration as ended:
                     contacts[number] = None if ended.value is None else ended.value.corrected
                 except NinedtactError as refusal:
-                    raise _name_scene(refusal, number) from refusal
+                    contacts[number] = _name_scene(refusal, number)
             responses = self._solve(requests) if requests else {}
         return contacts
 
-    def _solve(self, requests: dict[int, ContactSolveRequest]) -> dict[int, Press | None]:
+    def _solve(self, requests: dict[int, ContactSolveRequest]) -> dict[int, Press | NinedtactError | None]:
         groups: dict[float, list[int]] = defaultdict(list)
         for number, request in requests.items():
             groups[request.friction].append(number)
-        solved: dict[int, Press | None] = {}
+        solved: dict[int, Press | NinedtactError | None] = {}
         for friction, numbers in groups.items():
             try:
                 presses = self._solve_group(self._twin(friction), [requests[number] for number in numbers])
+                solved |= dict(zip(numbers, presses, strict=True))
             except NinedtactError:
-                presses = [self._solve_alone(requests[number], number) for number in numbers]  # says whose it was
-            solved |= dict(zip(numbers, presses, strict=True))
+                solved |= {
+                    number: self._solve_alone(requests[number], number) for number in numbers
+                }  # says whose it was
         return solved
 
     def _solve_group(self, twin: Twin, batch: Sequence[ContactSolveRequest]) -> list[Press]:
@@ -147,11 +163,11 @@ class TactileSensorBatch:
         presses = twin.press(Press.stack(before, indenter).on_skin(skin), indenter, poses, loads)
         return presses.on_skin(self.twin.model.skin).unstack(solids)
 
-    def _solve_alone(self, request: ContactSolveRequest, number: int) -> Press:
+    def _solve_alone(self, request: ContactSolveRequest, number: int) -> Press | NinedtactError:
         try:
             return self._solve_group(self._twin(request.friction), [request])[0]
         except NinedtactError as refusal:
-            raise _name_scene(refusal, number) from refusal
+            return _name_scene(refusal, number)
 
     def _twin(self, friction: float) -> Twin:
         """Return the twin with a friction on the device, kept because it prepares its skin once."""
@@ -163,9 +179,9 @@ class TactileSensorBatch:
     def _twins(self) -> dict[float, Twin]:
         return {}
 
-    def _images(self, contacts: Sequence[Contact | None]) -> list[Any]:
-        """Return the camera image of every scene; on the processor with OpenCV, which renders one image in less time."""
-        renderer, numbers = self.twin.renderer, [sensor._frames + 1 for sensor in self.sensors]
+    def _images(self, scenes: Sequence[int], contacts: Sequence[Contact | None]) -> list[Any]:
+        """Return the camera image of each scene; on the processor with OpenCV, which renders one image in less time."""
+        renderer, numbers = self.twin.renderer, [self.sensors[scene]._frames + 1 for scene in scenes]
         if isinstance(self.like, np.ndarray):
             return [renderer(*one) for one in zip(contacts, numbers, strict=True)]
         touched = [number for number, contact in enumerate(contacts) if contact is not None and contact.touches]

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ninedtact.interop.mujoco import TactileReading
-from ninedtact_train.environments.tactile_environment import REFUSED_REWARD, STEP_S, TactileEnvironment, gymnasium
+from ninedtact_train.environments.tactile_environment import REFUSED_REWARD, STEP_S, TactileEnvironment
+from ninedtact_train.environments.vector_environment import register_task
 
 SCENE = """
 <mujoco model="peg insertion">
@@ -108,4 +109,4 @@ class PegInsertionEnvironment(TactileEnvironment):
         return 1e3 * (self.data.site("tip").xpos - self.model.body("plate").pos)
 
 
-gymnasium.register("ninedtact/PegInsertion-v0", entry_point=PegInsertionEnvironment)
+register_task("ninedtact/PegInsertion-v0", PegInsertionEnvironment)

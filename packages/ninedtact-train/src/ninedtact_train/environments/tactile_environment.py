@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 
 from ninedtact import open_sensor
-from ninedtact.errors import InputError, SimulationError
+from ninedtact.capture.frame_source import FrameSourceWrapper
+from ninedtact.errors import InputError, NinedtactError, SimulationError
 from ninedtact.interop.mujoco import TactileReading, TactileSensor
+from ninedtact.mechanics.pose import InvalidPose
+from ninedtact.quantities import Frame
 from ninedtact.reading import Reading
 from ninedtact.required_libraries import require_libraries
 from ninedtact.sensor import Sensor
@@ -36,7 +39,25 @@ _MAX_STEPS = 200
 _LOST_STEPS = 25
 REFUSED_REWARD = -10.0
 """Reward of a step that ends an episode because it pressed too hard."""
+PRESS_REFUSED = (SimulationError, InvalidPose)
+"""What a sensor raises that is pressed through the gel or off its edge."""
 _ARRIVAL_REWARD, _STEP_COST = 10.0, 0.05
+
+
+class _NewestFrame(FrameSourceWrapper):
+    """The frame of the newest reading of a sensor in a scene; where that was read already, the scene is pressed for another."""
+
+    def __init__(self, sensor: TactileSensor) -> None:
+        super().__init__(sensor)
+        self._sensor, self._read_last = sensor, sensor.last
+
+    def read(self) -> Frame:
+        """Return the frame; raises what `TactileSensor.step` raises."""
+        if self._sensor.last is None or self._sensor.last is self._read_last:
+            self._sensor.step()
+        self._read_last = self._sensor.last
+        assert self._read_last is not None
+        return self._read_last.frame
 
 
 class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignore[misc]
@@ -66,21 +87,17 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     ) -> None:
         self.model = mujoco.MjModel.from_xml_string(self.scene)
         self.data = mujoco.MjData(self.model)
-        self.sensor = TactileSensor(
-            self.model, self.data, "sensor", sensor_folder or default_twin(), geom=self.gel_geom
-        )
         self.render_mode, self._steps, self._lost = render_mode, 0, 0
         self._reading: TactileReading | None = None
-        self._calibrated: Sensor | None = None
-        if force != OF_THE_GEL:
-            if sensor_folder is None or isinstance(sensor_folder, Twin) or force == "none":
-                raise InputError(
-                    expected=f"force={OF_THE_GEL!r}, or the name of an estimator and the folder of a calibrated sensor",
-                    got=f"force={force!r} and sensor_folder={getattr(sensor_folder, 'name', sensor_folder)!s}",
-                    remedy="correct one of them",
-                )
-            self._calibrated = open_sensor.open(sensor_folder, self.sensor, force)
         self._estimates: Reading | None = None
+        if force != OF_THE_GEL and (sensor_folder is None or isinstance(sensor_folder, Twin) or force == "none"):
+            raise InputError(
+                expected=f"force={OF_THE_GEL!r}, or the name of an estimator and the folder of a calibrated sensor",
+                got=f"force={force!r} and sensor_folder={getattr(sensor_folder, 'name', sensor_folder)!s}",
+                remedy="correct one of them",
+            )
+        self._folder, self._force = sensor_folder or default_twin(), force
+        self.use_sensor(TactileSensor(self.model, self.data, "sensor", self._folder, geom=self.gel_geom))
         self._distance_before_mm = 0.0
         spaces = {
             "image": gymnasium.spaces.Box(0, 255, IMAGE_SHAPE, np.uint8),
@@ -89,6 +106,14 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         }
         self.observation_space = gymnasium.spaces.Dict(spaces | self.more_spaces)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.approach),), np.float32)
+
+    def use_sensor(self, sensor: TactileSensor) -> None:
+        """Take another sensor on the same scene, one of a batch for example."""
+        self.sensor = sensor
+        self._calibrated: Sensor | None = None
+        if self._force != OF_THE_GEL:
+            assert not isinstance(self._folder, Twin)
+            self._calibrated = open_sensor.open(self._folder, _NewestFrame(sensor), self._force)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -108,6 +133,15 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Act for 20 ms; raises `InputError` for an action that is not as many finite numbers as the task has."""
+        self.begin_step(action)
+        try:
+            reading = self.sensor.step()
+        except PRESS_REFUSED as refused:
+            return self.refuse(refused)
+        return self.end_step(reading)
+
+    def begin_step(self, action: Any) -> None:
+        """Act for 20 ms in the scene alone; the sensor is pressed next. Raises `InputError` as `step` does."""
         action = np.asarray(action, float)
         if (
             action.shape != (len(self.approach),) or not np.isfinite(action).all()
@@ -118,11 +152,16 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
                 remedy="correct it",
             )
         self._steps += 1
-        try:
-            reading = self._advance(np.clip(action, -1.0, 1.0))
-        except SimulationError as refused:  # pressed through the gel or off its edge: the end of the episode
-            assert self._reading is not None
-            return self._observation(self._reading), REFUSED_REWARD, True, False, {"refused": str(refused)}
+        self._move(np.clip(action, -1.0, 1.0))
+
+    def refuse(self, refused: NinedtactError) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Return the end of an episode that pressed through the gel or off its edge, with the last observation."""
+        assert self._reading is not None
+        return self._observation(self._reading), REFUSED_REWARD, True, False, {"refused": str(refused)}
+
+    def end_step(self, reading: TactileReading) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Return what `step` returns, given what the sensor shows after `begin_step`."""
+        self._keep(reading)
         state = self.state(reading)
         self._lost = self._lost + 1 if state["load_n"] < TOUCH_N / 10 else 0
         reward, reached = self.judge(state)
@@ -170,14 +209,20 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
 
     def _advance(self, action: Any) -> TactileReading:
         """Act for one step and return what the sensor shows and feels then."""
+        self._move(action)
+        reading = self.sensor.step()
+        self._keep(reading)
+        return reading
+
+    def _move(self, action: Any) -> None:
         self.act(action)
         mujoco.mj_step(self.model, self.data, _SUBSTEPS)
+
+    def _keep(self, reading: TactileReading) -> None:
+        """Keep the newest reading, and what a calibrated sensor estimates of its image."""
+        self._reading = reading
         if self._calibrated is not None:
             self._estimates = self._calibrated.read()
-        reading = self.sensor.step() if self._estimates is None else self.sensor.last
-        assert reading is not None
-        self._reading = reading
-        return reading
 
     def _observation(self, reading: TactileReading) -> Observation:
         found = self._estimates

@@ -7,7 +7,7 @@ reference image of a twin are therefore drawn with a fixed seed. docs/datasets.m
 from dataclasses import dataclass, replace
 
 from ninedtact.design import Gel, PinBoard, SensingArea, SensorDesign
-from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, CalibrationPressSettings
+from ninedtact.simulation.calibration_images import GUIDED_BOARD_MM, HandPressImperfections
 from ninedtact.simulation.gel_brightness import BrightnessModel
 from ninedtact_train.population.sensor_population import (
     SampledSensor,
@@ -69,7 +69,7 @@ def _simulated_sensor(fit: RealFit, number: int) -> SampledSensor:
             sensing_area=SensingArea(area.width_mm * wider, area.height_mm * wider),
             pin_board=PinBoard(pitch_mm=fit.board_pitch_mm),
         ),
-        presses=CalibrationPressSettings(
+        presses=HandPressImperfections(
             GUIDED_BOARD_MM, ball_depth_mm=min(fit.ball_depth_mm, deepest_mm), ball_drag_mm=fit.ball_drag_mm
         ),
     )

@@ -27,7 +27,7 @@ from ninedtact.design import PUBLISHED_RECTIFIED_COLS, Gel, SensorDesign, rectif
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import centred_axis_mm
-from ninedtact.simulation.calibration_images import GUIDED_PRESSES, CalibrationPressSettings
+from ninedtact.simulation.calibration_images import GUIDED_PRESSES, HandPressImperfections
 from ninedtact.simulation.gel_brightness import (
     FITTED_PARAMETERS,
     PUBLISHED_DESIGN,
@@ -69,7 +69,7 @@ def _sample_brightness_model(rng: Random, design: SensorDesign) -> BrightnessMod
     return transfer_brightness_model(published, design)
 
 
-def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> CalibrationPressSettings:
+def _sample_presses(rng: Random, gel: Gel, design: SensorDesign) -> HandPressImperfections:
     """Sample how a person presses board and ball for the calibration."""
     deepest = min(_BALL_DEPTH_MM[1], _MAX_BALL_DEPTH_FRACTION * gel.thickness_mm)
     # Depths are multiplied by the thickness of the design's gel when the images are simulated.
@@ -191,7 +191,7 @@ class SampledSensor:
     misalignment: CalibrationMisalignment = field(default_factory=CalibrationMisalignment)
     design: SensorDesign = SensorDesign()
     """The design from which the sensor deviates."""
-    presses: CalibrationPressSettings = GUIDED_PRESSES
+    presses: HandPressImperfections = GUIDED_PRESSES
     """The presses with which it is calibrated."""
     glare: tuple[GlarePatch, ...] = ()
     """Reflections on the image."""
@@ -201,8 +201,9 @@ class SampledSensor:
         """The pixel map of the raw image."""
         return self.lens.pixel_map(RAW_SHAPE)
 
+    @cached_property
     def renderer(self) -> Renderer:
-        """Return the renderer of the sensor's raw images."""
+        """The renderer of the sensor's raw images."""
         lit = scale_pixel_map_to_published(self.pixel_map, self.design)
         reference, glare = add_glare(synthetic_reference_image(lit, **asdict(self.reference_image)), self.glare)
         return Renderer(self.pixel_map, reference, self.light, CameraNoise(self.noise_grey_levels, RAW_SHAPE), glare)
@@ -211,7 +212,7 @@ class SampledSensor:
         """Return the twin of the sensor."""
         area = self.design.sensing_area
         return Twin(
-            self.name, self.gel, self.renderer(), self.friction, pitch_mm, area_mm=area.size_mm, gel_mm=area.gel_mm
+            self.name, self.gel, self.renderer, self.friction, pitch_mm, area_mm=area.size_mm, gel_mm=area.gel_mm
         )
 
     def to_json_dict(self) -> dict[str, Any]:
@@ -288,7 +289,7 @@ class RectifiedRenderer:
 
 def rectified_renderer(member: SampledSensor, size: tuple[int, int]) -> RectifiedRenderer:
     """Return the renderer of a sensor for images of (cols, rows). Small images are means over pixels and have less noise."""
-    raw = member.renderer()
+    raw = member.renderer
     plane = misaligned_pixel_positions_mm(size, rectified_mm_per_px(size, member.design), member.misalignment)
     pixels = raw_pixels_seeing(raw.pixel_map, plane)
     untouched = interpolate_image(raw.reference, pixels)

@@ -41,7 +41,7 @@ class TrainingExamples:
     reference_of: Int[Array, " n"] | None = None
     """Row in `references` of each image's reference."""
     sensor_features: Float32[Array, "n features"] | None = None
-    """Features of each example's sensor (`SensorFeatures.row`); typical ones where None."""
+    """Features of each example's sensor (`SensorParameterInputs.row`); typical ones where None."""
 
     def __post_init__(self) -> None:
         n = len(self.images)

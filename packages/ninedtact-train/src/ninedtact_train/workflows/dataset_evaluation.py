@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.calibration.force_calibration import estimated_load_n
-from ninedtact.calibration.known_load_fit import ForceScaleImpossible, KnownLoadPress, fit_known_loads
+from ninedtact.calibration.gel_fit_to_known_loads import ForceScaleImpossible, KnownLoadPress, fit_known_loads
 from ninedtact.design import ForceTorqueMount
 from ninedtact.force.estimator_and_scale import (
     MODULUS_KNOWN,

@@ -9,7 +9,7 @@ procedure.py         calibrate(), the whole from top to bottom; repeat_calibrati
 board/               pins detected and located, the lens fitted, the paper's method for comparison
 ball/                the contact circle, the depth curve by physics or by the disc's geometry
 twin/                contact mechanics and light, fitted to the presses; the lens refined with them
-fit_tables.py        the fits as tables of sensor.toml
+fits_to_sensor_toml.py        the fits as tables of sensor.toml
 sensor_toml_schema.py  the schema of sensor.toml; sensor_folder.py reads the folder, save.py writes it
 certificate/         checks, plots and the page that a person reads
 second_press_plan.py what a second press would tell, computed before it is made

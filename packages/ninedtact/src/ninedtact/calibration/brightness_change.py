@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 
 from ninedtact.errors import CalibrationError
 from ninedtact.quantities import BgrImage, Rectified, centred_axis_mm
+from ninedtact.robust_noise import noise_by_second_differences, robust_std
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 from ninedtact.shape.lens_and_rectification import to_grey_float
 from ninedtact.shape.skin_identity import measure_skin_motion
@@ -46,12 +47,8 @@ def relative_brightness(after: Rectified, before: Rectified) -> Float32[Array, "
 def estimate_pixel_noise(change: Float32[Array, "rows cols"]) -> float:
     """Return the standard deviation of one pixel's noise, from second differences, to which smooth image content does not
     contribute.
-
-    The median of absolute values is insensitive to edges; 0.6745 converts it to a standard deviation, and √6 accounts for the
-    second difference of independent pixels (Rousseeuw & Croux 1993 for the median).
     """
-    second = np.abs(np.diff(change, n=2, axis=1))
-    return float(max(np.median(second) / 0.6745 / np.sqrt(6), 0.1))
+    return max(noise_by_second_differences(change, axis=1), 0.1)
 
 
 def estimate_camera_noise(change: Float32[Array, "rows cols"]) -> float:
@@ -301,7 +298,7 @@ def _fit_polynomial_background(change: Field, seen: Bool[Array, "rows cols"]) ->
         weighted = terms * weight[:, None]
         solution = np.linalg.solve(weighted.T @ weighted, weighted.T @ (values * weight))
         missed = values - terms @ solution
-        scaled = missed / (_TUKEY_CONSTANT * max(float(np.median(np.abs(missed))) / 0.6745, 1e-6))
+        scaled = missed / (_TUKEY_CONSTANT * max(float(robust_std(missed)), 1e-6))
         weight = np.maximum(1 - scaled**2, 0)
     return (_legendre_basis(change.shape) @ solution).astype(np.float32)
 

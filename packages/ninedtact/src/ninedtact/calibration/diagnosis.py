@@ -16,7 +16,7 @@ from ninedtact.calibration.drift.reference_check import FLIPS, CalibratedReferen
 from ninedtact.calibration.sensor_toml_schema import Certificate, ProbableCause
 from ninedtact.design import PUBLISHED_MM_PER_PX, RectifiedImageSize
 from ninedtact.quantities import BgrImage, Frame
-from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_spread
+from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_light_unevenness
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 from ninedtact.shape.light_change import LightCorrection
 from ninedtact.shape.sharpness import is_pair_smoothed, is_smoother, measure_sharpness
@@ -155,7 +155,7 @@ def _find_changed_light(name: str, pair: ImagePair) -> ProbableCause | None:
         return ProbableCause("gamma changed", f"{where}, gamma changed to {light.gamma:.2f}", _LIGHT)
     if name == "ball" and light.bands is not None:  # rows of pins look like bands
         return ProbableCause("light uneven", f"{where}, bands of ±{light.bands.amplitude:.1%} appeared", _LIGHT)
-    if name == "ball" and border_spread(corrected, before) > MAX_BORDER_SPREAD:
+    if name == "ball" and border_light_unevenness(corrected, before) > MAX_BORDER_SPREAD:
         return ProbableCause(
             "light uneven", f"{where}, the light along the border of the view changed unevenly", _LIGHT
         )

@@ -1,8 +1,9 @@
 """Force calibration with known loads: images of presses and their weights → the gel's modulus and base in `sensor.toml`.
 
 Every press is estimated on a few assumed bases of the gel, on each of which the ball of the calibration was explained again
-(`sensor_with_other_base`), and the loads tell modulus and base (`known_load_fit`). The calibration is then made again on the base
-that was found, so that depth, twin and force have one gel. A network has no gel; loads give it a factor, kept in `force.toml`.
+(`sensor_with_other_base`), and the loads tell modulus and base (`gel_fit_to_known_loads`). The calibration is then made again on
+the base that was found, so that depth, twin and force have one gel. A network has no gel; loads give it a factor, kept in
+`force.toml`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +19,7 @@ from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.free_pressing.known_pressing import KeptOutErrors, KnownPressing
 from ninedtact.calibration.free_pressing.pressing import FreePressing
-from ninedtact.calibration.known_load_fit import (
+from ninedtact.calibration.gel_fit_to_known_loads import (
     AssumedBases,
     ForceScaleImpossible,
     KnownLoadFit,

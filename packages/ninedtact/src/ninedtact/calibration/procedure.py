@@ -26,13 +26,13 @@ from ninedtact.calibration.brightness_change import (
 from ninedtact.calibration.certificate.checks import little_gain_warnings, press_through_gel_warnings
 from ninedtact.calibration.certificate.length_evidence import assess_stated_lengths
 from ninedtact.calibration.diagnosis import find_image_cause, find_probable_cause
-from ninedtact.calibration.fit_tables import (
+from ninedtact.calibration.fits_to_sensor_toml import (
+    depth_curve_to_toml_table,
+    lens_to_toml_table,
     make_ball_quality,
     make_board_quality,
-    make_depth_table,
-    make_lens_table,
     make_second_ball_quality,
-    make_twin_table,
+    twin_to_toml_table,
 )
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import (
@@ -262,16 +262,18 @@ def _make_record(
         grid = GridTable(
             rectify.mm_per_px, *rectify.raw_shape, rectify.calibrated_area_mm, board.mounting, settings.camera_mirrored
         )
-        lens = make_lens_table(board, settings.lens)
+        lens = lens_to_toml_table(board, settings.lens)
     depth, twin, ball_quality = None, None, None
     if fits.ball is not None and images.ball_pair is not None:
         # A height against an averaged reference contains the noise of one image.
         noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images.ball_pair))
-        depth = make_depth_table(fits.ball, rectify, images.ball_pair[0], noise_grey_levels, settings.smoothing)
+        depth = depth_curve_to_toml_table(
+            fits.ball, rectify, images.ball_pair[0], noise_grey_levels, settings.smoothing
+        )
         ball_quality = make_ball_quality(images.ball_pair[0], fits.ball, design, depth.noise_mm)
         if fits.twin is not None:
             noise_grey_levels = noise_grey_levels if board is None else board.camera_noise_grey_levels
-            twin = make_twin_table(fits.twin, noise_grey_levels, fits.board_press)
+            twin = twin_to_toml_table(fits.twin, noise_grey_levels, fits.board_press)
     board_quality = None if board is None else make_board_quality(board, rectify, settings.lens)
     lengths = assess_stated_lengths(board, fits.twin, design)
     warnings = _warnings(images, fits, design)

@@ -71,7 +71,7 @@ def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
     return SensorFolder(final, record)
 
 
-def kept_old_calibration_notices(out: Path, saved: SensorFolder) -> list[str]:
+def failed_calibration_notices(out: Path, saved: SensorFolder) -> list[str]:
     """Return a sentence where `save_sensor` has kept the older sensor at `out` and written a failed calibration beside it."""
     if saved.path == out:
         return []

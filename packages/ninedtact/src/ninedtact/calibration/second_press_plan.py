@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.fit_tables import fitted_ball_press
+from ninedtact.calibration.fits_to_sensor_toml import fitted_ball_press
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import (
     RELATIVE_THICKNESS_STD,
@@ -26,7 +26,7 @@ from ninedtact.calibration.twin.fit_parameters import (
     NEARLY_RIGID,
     PARAMETER_NAMES,
     POSE_COUNT,
-    information_of_parameter,
+    marginal_information_of_parameter,
     perturb_parameter,
     share_left_of_model_error,
 )
@@ -285,8 +285,8 @@ def _errors(
     if not known.design.gel.has_rigid_base:
         share = 1.0
         if count > 1:
-            alone = [information_of_parameter(one.placed(0, 1), _BASE) for one in presses]
-            share = share_left_of_model_error(alone, information_of_parameter(images, _BASE))
+            alone = [marginal_information_of_parameter(one.placed(0, 1), _BASE) for one in presses]
+            share = share_left_of_model_error(alone, marginal_information_of_parameter(images, _BASE))
         direction = covariance[:, _BASE] / covariance[_BASE, _BASE]
         covariance = covariance + np.outer(direction, direction) * (MODULUS_RATIO_MODEL_STD * share) ** 2
     load = np.zeros(len(covariance))

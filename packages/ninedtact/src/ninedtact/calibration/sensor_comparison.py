@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.known_load_fit import MODULUS_STD
+from ninedtact.calibration.gel_fit_to_known_loads import MODULUS_STD
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_and_scale import UNCALIBRATED

@@ -194,7 +194,7 @@ class BallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     """Fraction of the reference image at or above grey level 250."""
 
 
-class LengthQuality(Struct, frozen=True, forbid_unknown_fields=True):
+class LengthPlausibility(Struct, frozen=True, forbid_unknown_fields=True):
     """Whether the stated pitch of the board and radius of the ball are those of other sensors of the design."""
 
     pitch_mm: _Error
@@ -254,7 +254,7 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     """None where no ball has been pressed yet."""
     second_ball: SecondBallQuality | None = None
     """None where no second ball was pressed."""
-    lengths: LengthQuality | None = None
+    lengths: LengthPlausibility | None = None
     """None where the lens was imported and no twin was fitted."""
     warnings: list[str] = field(default_factory=list)
     cause: ProbableCause | None = None

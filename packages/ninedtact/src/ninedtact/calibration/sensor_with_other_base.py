@@ -12,7 +12,12 @@ from threadpoolctl import threadpool_limits
 from ninedtact.calibration.ball.ball_fit import fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import find_ball_press
 from ninedtact.calibration.brightness_change import estimate_camera_noise, flat_fielded_brightness_change
-from ninedtact.calibration.fit_tables import fitted_ball_press, make_ball_quality, make_depth_table, make_twin_table
+from ninedtact.calibration.fits_to_sensor_toml import (
+    depth_curve_to_toml_table,
+    fitted_ball_press,
+    make_ball_quality,
+    twin_to_toml_table,
+)
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.gel_base import KnownBase
 from ninedtact.calibration.twin.press_search import ParameterPrior
@@ -32,8 +37,8 @@ def sensor_with_other_base(folder: SensorFolder, base: KnownBase) -> SensorFolde
         press = find_ball_press(folder.rectification, *images, record.design.ball, "physics")
         ball = fit_ball_by_physics(press, record.design, _viewing_distance(folder), (initial,), base=base)
         noise_grey_levels = estimate_camera_noise(flat_fielded_brightness_change(*images))
-        depth = make_depth_table(ball, folder.rectification, images[0], noise_grey_levels, depth.smoothing)
-    fitted = make_twin_table(ball.twin_fit, twin.noise_grey_levels, None)
+        depth = depth_curve_to_toml_table(ball, folder.rectification, images[0], noise_grey_levels, depth.smoothing)
+    fitted = twin_to_toml_table(ball.twin_fit, twin.noise_grey_levels, None)
     fitted = msgspec.structs.replace(fitted, board_press=twin.board_press)
     certificate = record.certificate
     if certificate is not None:

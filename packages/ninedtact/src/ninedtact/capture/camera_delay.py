@@ -75,7 +75,7 @@ class LightSwitch(ABC):
         """Switch the light on or off; raises `InputError`."""
 
 
-class TerminalLight(LightSwitch):
+class FlashingTerminal(LightSwitch):
     """A terminal whose whole screen is switched between its colours and their inverse (DECSCNM)."""
 
     def __init__(self, terminal: TextIO) -> None:

@@ -40,6 +40,7 @@ COMMANDS = {
     "serve": "ros2_foxglove_and_serve:Serve",
     "simulate": "simulate:Simulate",
     "simulate dataset": "[datasets]",
+    "simulate sequences": "[datasets]",
     "collect": "[datasets]",
     "record": "record:Record",
     "info": "recording_info_and_export:Info",

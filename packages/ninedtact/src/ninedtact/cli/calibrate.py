@@ -113,7 +113,7 @@ class CalibrateCommand:
 
     def run(self) -> int:
         """Calibrate, write the sensor folder, and print how good it is."""
-        from ninedtact.calibration.save import kept_old_calibration_notices
+        from ninedtact.calibration.save import failed_calibration_notices
         from ninedtact.calibration.sensor_toml_schema import require_sensor_id
 
         require_sensor_id(self.sensor_id)
@@ -126,7 +126,7 @@ class CalibrateCommand:
         if sensor is None:
             print_notice(f"stopped before the calibration was complete; {self.out} is as it was")
             return 1
-        print_notices(kept_old_calibration_notices(self.out, sensor))
+        print_notices(failed_calibration_notices(self.out, sensor))
         result = calibration_json_dict(sensor)
         print_result(self.json, result, format_calibration(sensor))
         return 1 if result["result"] == "fail" else 0

@@ -70,10 +70,10 @@ class CameraDelayCommand:
     def _camera_and_light(self, folder: "SensorFolder | None") -> "tuple[FrameSource, LightSwitch]":
         """Return the camera, not yet opened, and the light; raises `InputError`."""
         from ninedtact.capture.camera_delay import (
+            FlashingTerminal,
             LightSwitchedByFile,
             SimulatedDelayedCamera,
             SimulatedLight,
-            TerminalLight,
         )
         from ninedtact.capture.frame_source import FIXED_EXPOSURE
 
@@ -81,6 +81,6 @@ class CameraDelayCommand:
             simulated = SimulatedLight()
             return SimulatedDelayedCamera(simulated), simulated
         light = (
-            TerminalLight(sys.stderr) if self.light == SCREEN else LightSwitchedByFile(Path(self.light).expanduser())
+            FlashingTerminal(sys.stderr) if self.light == SCREEN else LightSwitchedByFile(Path(self.light).expanduser())
         )
         return source_for(self.source, FIXED_EXPOSURE, folder), light

@@ -118,7 +118,8 @@ def _format_measurement(found: dict[str, Any]) -> Iterator[str]:
             "pressed"
         )
     yield f"  measured: {light}, {sharp}, {skin}, marks on {found['changed_area_mm2']:.1f} mm²"
-    today = "" if found["diagnosis"] == "something touches the gel" else "; with today's they are not"
+    of_today = {"something touches the gel": "", "gamma changed": "; with today's all depths are off by that gamma"}
+    today = of_today.get(found["diagnosis"], "; with today's they are not")
     yield (
         f"  heights measured against the calibration's reference image would be off by up to "
         f"{found['old_reference_height_mm']:.2f} mm on 99 % of the view{today}"

@@ -1,6 +1,6 @@
 """ninedtact estimate: images or a recording of a calibrated sensor → the six-axis force, with its error."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from math import isfinite
@@ -173,22 +173,16 @@ def _is_image(text: str) -> bool:
     return text.lower().endswith((".png", ".jpg", ".jpeg", ".bmp"))
 
 
-def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    import csv
-    from io import StringIO
-
+def _write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     from ninedtact.atomic_write import write_file_atomically
-    from ninedtact.recording.export import csv_cell
+    from ninedtact.csv_table import to_csv
 
-    text = StringIO()
-    table = csv.DictWriter(text, ["image", "time_s", "time_ns", "touching", *COLUMNS, "warnings"])
-    table.writeheader()
-    first_ns: int | None = None
-    for row in rows:
-        first_ns = row["time_ns"] if first_ns is None else first_ns
-        words = {"image": csv_cell(row["image"]), "warnings": "; ".join(row["warnings"])}
-        table.writerow({**row, "time_s": (row["time_ns"] - first_ns) / 1e9, **words})
-    write_file_atomically(path, text.getvalue().encode())
+    columns = ("image", "time_s", "time_ns", "touching", *COLUMNS, "warnings")
+    first_ns = rows[0]["time_ns"] if rows else 0
+    cells = (
+        {**row, "time_s": (row["time_ns"] - first_ns) / 1e9, "warnings": "; ".join(row["warnings"])} for row in rows
+    )
+    write_file_atomically(path, to_csv(columns, ([row[name] for name in columns] for row in cells)))
 
 
 def format_estimates(rows: list[dict[str, Any]], out: Path | None) -> Iterator[str]:

@@ -171,6 +171,8 @@ class Export:
     fps: int | None = None
     """With `--to lerobot`: frames per second of the data set; the nearest images are taken. Otherwise all images are, and the
     recordings must have one rate, within 5 %."""
+    tracking: bool = False
+    """With `--to lerobot`: add contacts, motion of the object and slip, as `ninedtact track` finds them; Rerun has them always."""
     sensor: RecordedSensorOption = None
     points_every: int = 4
     """With `--to rerun`: write the points of every so many rows and columns of the height map."""
@@ -202,7 +204,7 @@ class Export:
             with tqdm(total=images, unit="images", disable=True if self.json else None) as bar:
                 if self.to == "lerobot":
                     written = _load_lerobot_exporter()(
-                        recordings, self.out, self.task, on_image=bar.update, fps=self.fps
+                        recordings, self.out, self.task, on_image=bar.update, fps=self.fps, tracking=self.tracking
                     )
                 elif self.to == "rerun":
                     require_libraries("rerun", "rerun")

@@ -3,7 +3,6 @@
 import os
 import sys
 import webbrowser
-from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -119,9 +118,9 @@ def _open_displayed_sensor(
     from ninedtact.live.sensor_poller import SensorPoller
     from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller
     from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
+    from ninedtact.studio.followed_object import ObjectFollower
     from ninedtact.studio.page_controller import DisplayedSensor
     from ninedtact.studio.press_control import TwinPressController
-    from ninedtact.tracking import ContactTracker, SlipEstimate
 
     live, histories = part.live, []
     if live.true_wrench is not None:
@@ -133,17 +132,17 @@ def _open_displayed_sensor(
         meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"
         histories.append(WrenchHistory("estimated", meaning, estimator.notices, states_errors=True))
 
-    tracker, slips = ContactTracker(), deque([SlipEstimate()], maxlen=1)
+    follower = ObjectFollower() if live.simulation is None else ObjectFollower(live.simulation.press_at)
 
     def keep(reading: "Reading") -> None:
         if reading.force is not None:
             histories[-1].add_estimate(reading.force)
-            slips.append(tracker.update(reading).slip)
         recorder.add(reading, number)
+        follower.add(reading)
 
     press = None if live.simulation is None else TwinPressController(live.simulation)
     readings = opened.enter_context(SensorPoller(live.sensor, keep))
-    return DisplayedSensor(readings, histories, press, part.name, lambda: slips[-1])
+    return DisplayedSensor(readings, histories, press, part.name, follower)
 
 
 def require_display_rate(display_hz: float) -> None:

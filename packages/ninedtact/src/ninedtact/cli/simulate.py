@@ -51,14 +51,14 @@ class _Fit:
         """Fit and save the twin, and print the quality of the fit; return 1 where its calibration failed its checks."""
         from ninedtact.calibration.certificate.checks import has_failed_checks
         from ninedtact.calibration.procedure import repeat_calibration
-        from ninedtact.calibration.save import kept_old_calibration_notices, save_sensor
+        from ninedtact.calibration.save import failed_calibration_notices, save_sensor
 
         calibrated = load_sensor_with_notices(self.sensor)
         with sensor_replacement(self.sensor):
             folder = save_sensor(self.sensor, repeat_calibration(calibrated, "physics"))
         twin = folder.record.twin
         assert twin is not None, "the physics method makes a twin"
-        print_notices(kept_old_calibration_notices(self.sensor, folder))
+        print_notices(failed_calibration_notices(self.sensor, folder))
         found = {"sensor": str(folder.path), **msgspec.to_builtins(twin)}
         print_result(self.json, found, self._format_fit(twin, folder.path))
         return 1 if has_failed_checks(folder.record.certificate) else 0
@@ -130,6 +130,8 @@ class _Press:
     """Twist about z during the drag."""
     tilt_deg: Pair = (0.0, 0.0)
     """Tilts of the object about x and y, from the beginning."""
+    hold_s: float = 0.0
+    """Time in s for which the object is then held, while the gel relaxes: the load falls, or under a load the object sinks in."""
     sensor: Path | None = None
     """Sensor folder whose twin is pressed; without one, the twin of the published design."""
     design_file: DesignFileOption = None
@@ -159,7 +161,8 @@ class _Press:
         if self.seed < 0:
             raise InputError(expected="a seed of zero or more", got=f"{self.seed}", remedy="give another")
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
-        return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, radians(self.twist_deg), tilt)
+        twist = radians(self.twist_deg)
+        return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, twist, tilt, self.hold_s)
 
     @cached_property
     def twin(self) -> "Twin":

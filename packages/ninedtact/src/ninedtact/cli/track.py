@@ -63,7 +63,7 @@ class Track:
         """Follow the object through every image and print how far it went; return 1 where a file is damaged or a camera lost, after
         what came before it; raises that error where nothing did."""
         import ninedtact
-        from ninedtact.atomic_write import require_place_for_file, write_file_atomically
+        from ninedtact.atomic_write import require_place_for_file
         from ninedtact.errors import CameraError, FileFormatError
         from ninedtact.tracking import ContactTracker
 
@@ -101,13 +101,12 @@ class Track:
                         raise
                     damage = error
         if self.out is not None:
-            write_file_atomically(self.out, _to_csv(rows, COLUMNS))
+            _write_csv(self.out, rows, COLUMNS)
         print_result(self.json, {"path": rows}, self._format(rows))
         return _report_damage(damage, len(rows))
 
     def _run_rectified(self) -> int:
         """Follow the object through rectified images."""
-        from ninedtact.atomic_write import write_file_atomically
         from ninedtact.cli.track_rectified import RECTIFIED_COLUMNS, summarise_rectified_track, track_rectified
 
         for option, value in (("--sensor", self.sensor), ("--force", self.force)):
@@ -115,7 +114,7 @@ class Track:
                 raise InputError(expected=f"{option} or --rectified", got="both", remedy="drop one of them")
         rows, damage = track_rectified(self.source, self.reference, self.reference_frames, self.mm_per_px, self.rate_hz)
         if self.out is not None:
-            write_file_atomically(self.out, _to_csv(rows, RECTIFIED_COLUMNS))
+            _write_csv(self.out, rows, RECTIFIED_COLUMNS)
         written = () if self.out is None else (f"wrote {self.out}",)
         print_result(self.json, {"path": rows}, (*summarise_rectified_track(rows), *written))
         return _report_damage(damage, len(rows))
@@ -193,19 +192,15 @@ def _row(reading: "Reading", found: "TrackedContacts", first_ns: int) -> dict[st
     }
 
 
-def _to_csv(rows: list[dict[str, Any]], columns: Sequence[str]) -> bytes:
-    import csv
-    from io import StringIO
+def _write_csv(path: Path, rows: list[dict[str, Any]], columns: Sequence[str]) -> None:
+    from ninedtact.atomic_write import write_file_atomically
+    from ninedtact.csv_table import to_csv
 
-    text = StringIO()
-    table = csv.DictWriter(text, columns)
-    table.writeheader()
-    table.writerows({name: _to_cell(value) for name, value in row.items()} for row in rows)
-    return text.getvalue().encode()
+    write_file_atomically(path, to_csv(columns, ([_to_cell(row[name]) for name in columns] for row in rows)))
 
 
 def _to_cell(value: Any) -> Any:
     """Return a value for a table; what is not known is an empty cell."""
     if isinstance(value, float):
-        return f"{value:.6g}" if isfinite(value) else ""
+        return float(f"{value:.6g}") if isfinite(value) else ""
     return value

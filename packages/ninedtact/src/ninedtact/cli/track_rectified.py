@@ -12,8 +12,9 @@ from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
     from ninedtact.capture.frame_source import FrameSource
-    from ninedtact.rectified_images import ReferenceFrames, TrackedImage
+    from ninedtact.reference_frames import ReferenceFrames
     from ninedtact.sensor import Sensor
+    from ninedtact.tracking import TrackedImage
 
 RECTIFIED_COLUMNS = (
     *("frame", "time_s", "state", "touching", "slip", "p_incipient", "p_gross", "sticking_share"),
@@ -32,14 +33,15 @@ def track_rectified(
 ) -> tuple[list[dict[str, Any]], Exception | None]:
     """Return a row for every image, and the error that ended the source early, if one did; raises it where nothing came before."""
     from ninedtact.errors import CameraError, FileFormatError
-    from ninedtact.rectified_images import RectifiedTracker, open_rectified
+    from ninedtact.rectified_images import open_rectified
+    from ninedtact.tracking import SequenceTracker
 
     if rate_hz is not None and not 0 < rate_hz < float("inf"):
         raise InputError(expected="--rate-hz above zero", got=f"{rate_hz:g}", remedy="give the images per second")
     source = _open_file(address)
     references = _references(source, reference, reference_frames)
-    print_notices(references.notices)
-    tracker, damage = RectifiedTracker(rate_hz), None
+    print_notices(f"{notice}; name others with --reference-frames" for notice in references.notices)
+    tracker, damage = SequenceTracker(rate_hz), None
     with open_rectified(source, references.frames, mm_per_px) as sensor:
         print_notice(f"{_describe_scale(sensor, mm_per_px)}; {_NOT_KNOWN}")
         try:
@@ -92,7 +94,7 @@ def _references(source: "FrameSource", images: Sequence[Path], frames: str | Non
     """Return the reference images that the options name, or those of the source."""
     from ninedtact.capture.strict_image_reading import read_image, require_image_size
     from ninedtact.quantities import Frame
-    from ninedtact.rectified_images import ReferenceFrames, read_reference_frames
+    from ninedtact.reference_frames import ReferenceFrames, read_reference_frames
 
     chosen = None if frames is None else parse_frame_range(frames)
     if images and chosen is not None:

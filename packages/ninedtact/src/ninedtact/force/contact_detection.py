@@ -4,7 +4,9 @@ Something touches where the image, compared with the reference image and smoothe
 noise could make it anywhere. The noise is estimated from the image itself, as far as it is white, and from the grey levels: an
 image without noise, as compression leaves it, is wrong by up to one of them over wide regions. In a stream, what images without
 contact showed (`Reading.stream`) replaces that bound. So the rule needs no setting for a sensor that it has not seen, and a lamp
-that is brighter or dimmer than it was is not a contact. **To change the contact threshold, change `ContactThreshold`.**
+that is brighter or dimmer than it was is not a contact. Where the noise of a stream is new in every image, a fainter contact shows
+by staying: three images one after another are darker in one place than the noise of that place (`find_faint_contact`). **To change
+the contact threshold, change `ContactThreshold`.**
 
 `detect_contact` returns whether anything touches, from a reading alone. `find_contact_region` returns where, on the cells of the
 traction inversion.
@@ -19,6 +21,7 @@ from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
+from ninedtact.robust_noise import noise_by_second_differences, robust_std
 from ninedtact.shape.surface import connected_parts_with
 
 View = Float32[Array, "rows cols"]
@@ -35,14 +38,19 @@ class ContactThreshold:
     a hundred of stronger ones."""
     min_darkening: float = 1e-3
     """Relative darkening below which no contact is detected, because a reference image is no more accurate than that."""
-    learnt_noises: float = 3.0
-    """Threshold in noises of the stream (`StreamMemory.noise`) as long as its darkening is not known."""
-    learnt_darkenings: float = 1.4
-    """Threshold in darkenings of the stream (`StreamMemory.darkening`)."""
-    least_and_most_noises: tuple[float, float] = (2.0, 6.0)
-    """The least and the most that this may be, in noises: a contact that is too light to be detected darkens without noise."""
+    reference_noises: float = 3.0
+    """Threshold in noises (`StreamMemory.noise`) of the reference images."""
+    stream_noises: float = 6.0
+    """Threshold in noises of the stream, once it is known. The largest darkening in hours of compressed images without contact was
+    4.8 (`benchmarks/changing_light.py`)."""
     learnt_after_s: float = 10.0
     """Time from which the noise of the stream is known and replaces the bound from the grey levels."""
+    faint_stds: float = 3.75
+    """Threshold of a faint contact in standard deviations of its cell (`CellNoise`), in three images one after another: 2.8 was the
+    most in 1,500 images without contact in motion JPEG, and a contact of 0.1 N has 5 and more."""
+    border_darkening: float = 6e-3
+    """Darkness that is greatest at the border of the view is a contact from here on. Less of it may be light of the LEDs there: two
+    images of an untouched real sensor, taken at other times, differ by 4.7e-3 in its corners."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +74,10 @@ class ContactRegionSettings:
     """Fraction of the maximum darkening. Cells that are darker than this are in contact, whatever height the depth reader gives."""
 
 
-_CELL_MM = 0.53
 _SMOOTHING_CELLS = 2.0
+_FAINT_SMOOTHING_CELLS = 1.0
+FAINT_IMAGES = 3
+"""Images in all of which a faint contact is dark."""
 _MIN_NOISE = 2e-4
 """Smallest noise (standard deviation of the relative brightness) that is assumed for one cell."""
 _MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE = 5e-3, 25.0
@@ -82,8 +92,6 @@ _DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
 """Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the error that it leaves."""
 _INTERPOLATED = 1.5
 """Noise of a raw pixel over that of a rectified one, which bilinear interpolation reduces to two thirds on average."""
-_STD_PER_MEDIAN = 1.4826
-"""Standard deviation of Gaussian noise over the median of its magnitude."""
 _FAINT_PRESSURE = 0.05
 """Fraction of the maximum pressure below which pressure at the border of the view is no sign of contact beyond it."""
 _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -93,45 +101,62 @@ _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 def detect_contact(reading: Reading, threshold: ContactThreshold = ContactThreshold()) -> bool:
     """Return whether the skin is darker somewhere than noise would make it."""
     darkening, limit = measure_darkening_and_limit(reading, threshold)
-    return bool(darkening > limit)
+    return bool(darkening > limit) or find_faint_contact(reading, threshold) is not None
+
+
+def find_faint_contact(reading: Reading, threshold: ContactThreshold = ContactThreshold()) -> View | None:
+    """Return one on cells that stay darker, over this image and the last two, than the noise of the stream makes them there.
+
+    None where there are none. Noise that is new in every image, as that of motion JPEG, does not stay.
+    """
+    noise, before = reading.stream.cell_noise, reading.stream.last_darkenings
+    if noise is None or not noise.is_known or len(before) < FAINT_IMAGES - 1:
+        return None
+    darkening = np.minimum.reduce([*before, measure_darkening_on_cells(reading)])
+    faint = darkening > np.maximum(threshold.faint_stds * noise.std, np.float32(threshold.min_darkening))
+    return faint.astype(np.float32) if faint.any() else None
+
+
+def measure_darkening_on_cells(reading: Reading) -> View:
+    """Return by how much every cell is darker than the median of the view, smoothed over half a millimetre."""
+    signal = reading.brightness_on_cells
+    return _smoothed_darkening(signal, np.ones_like(signal), _FAINT_SMOOTHING_CELLS)
 
 
 def measure_darkening_and_limit(
     reading: Reading, threshold: ContactThreshold = ContactThreshold()
 ) -> tuple[float, float]:
     """Return the largest relative darkening, smoothed over about a millimetre, and the limit above which it is a contact."""
-    signal = _brightness_on_cells(reading)
+    signal = reading.brightness_on_cells
     noise = max(estimate_cell_noise(signal), _MIN_NOISE)
     noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
-    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    in_view = np.ones_like(signal)
+    darkening = _smoothed_darkening(signal, in_view, _SMOOTHING_CELLS)
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
-    return float(darkening.max()), max(float(limit), correlated_noise_limit(reading, threshold, signal))
+    limit = max(float(limit), correlated_noise_limit(reading, threshold))
+    return float(_without_light_at_border(darkening, in_view, limit, threshold).max()), limit
 
 
-def correlated_noise_limit(reading: Reading, threshold: ContactThreshold, signal: View | None = None) -> float:
+def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> float:
     """Return the darkening that noise of neighbouring pixels alike may make: of compression, of rounding, of unsteady light.
 
     The noise of a camera rounds grey levels up and down at random, so that their mean over a millimetre is right. The error that
     is left falls with the variance of the noise (Widrow and Kollár 2008, docs/references.md). Noise that is alike over two cells,
-    as that of blocks of compression, is estimated from them. signal: the relative brightness on cells, where it is known already.
+    as that of blocks of compression, is estimated from them.
     """
-    stream, (least, most) = reading.stream, threshold.least_and_most_noises
-    learnt = threshold.learnt_noises * stream.noise
-    if stream.darkening > 0:
-        learnt = float(
-            np.clip(threshold.learnt_darkenings * stream.darkening, least * stream.noise, most * stream.noise)
-        )
-    if reading.stream.learnt_s >= threshold.learnt_after_s:
-        return learnt
+    stream = reading.stream
+    if stream.learnt_s >= threshold.learnt_after_s:
+        return threshold.stream_noises * stream.noise
     level = max(float(reading.reference.grey[::_NOISE_EVERY_ROWS].mean()), 1.0)
     noise_levels = _INTERPOLATED * _estimate_pixel_noise(reading.rectified.grey, reading.reference.grey) * level
     rounding = float(np.exp(-2 * (np.pi * noise_levels) ** 2)) / level
     if abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None:
         rounding = max(rounding, _GAIN_ROUNDING_LEVELS / level)
-    signal = _brightness_on_cells(reading) if signal is None else signal
+    signal = reading.brightness_on_cells
     rows, cols = signal.shape
     coarse = np.asarray(cv2.resize(signal, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA))
     noise = min(2 * estimate_cell_noise(coarse), _MAX_NOISE)
+    learnt = threshold.reference_noises * stream.noise
     return max(learnt, rounding, float(_noise_limit(noise, threshold.noise_stds, 0.0, _SMOOTHING_CELLS)))
 
 
@@ -140,13 +165,27 @@ def measure_smooth_noise(reading: Reading) -> float:
 
     It is the median over tiles of the largest brightening: a contact that is too light to be detected darkens, and in few tiles.
     """
-    signal = _brightness_on_cells(reading)
-    brightening = -_smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
-    rows, cols = brightening.shape
+    brightening, _ = _largest_changes_of_tiles(reading)
+    return max(float(np.median(brightening)), 0.0)
+
+
+def measure_even_noise(reading: Reading) -> float:
+    """Return the noise after smoothing of an image that may be pressed, as its relative brightness.
+
+    Noise brightens and darkens every tile; bulges beside a contact only brighten, and a contact only darkens.
+    """
+    return max(float(np.median(np.minimum(*_largest_changes_of_tiles(reading)))), 0.0)
+
+
+def _largest_changes_of_tiles(reading: Reading) -> tuple[Float[Array, "down across"], Float[Array, "down across"]]:
+    """Return the largest brightening and the largest darkening of every tile."""
+    signal = reading.brightness_on_cells
+    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    rows, cols = darkening.shape
     down, across = _TILES
-    tiles = brightening[: rows // down * down, : cols // across * across]
+    tiles = darkening[: rows // down * down, : cols // across * across]
     tiles = tiles.reshape(down, rows // down, across, cols // across)
-    return max(float(np.median(tiles.max(axis=(1, 3)))), 0.0)
+    return -tiles.min(axis=(1, 3)), tiles.max(axis=(1, 3))
 
 
 def find_contact_region(
@@ -157,20 +196,25 @@ def find_contact_region(
     margin: int,
     settings: ContactRegionSettings,
     least_limit: float = 0.0,
+    faint: View | None = None,
 ) -> View | None:
     """Return one where pressure may act and zero elsewhere, or None where nothing touches.
 
     The region consists of the connected parts of indented skin that are deep enough to be more than noise, the cells that are
     much darker than the noise, and the rim of both. change: the observed signal on the cells, negative where darker, with this
     noise. margin: number of cells around the image. least_limit: darkening that is no contact whatever this noise
-    (`correlated_noise_limit`).
+    (`correlated_noise_limit`). faint: cells of the detection on which a contact is fainter than
+    that (`find_faint_contact`).
     """
     darkening = _smoothed_darkening(change, in_view, settings.smoothing_cells)
     threshold = settings.threshold
     limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, settings.smoothing_cells)
     limit = max(limit, least_limit)
+    darkening = _without_light_at_border(darkening, in_view, limit, threshold)
     if darkening.max() <= limit:
-        return None
+        if faint is None:
+            return None
+        darkening, limit = darkening * _around(faint, darkening.shape, margin), 0.0
     max_depth_mm = max(-float(z_mm[margin:-margin, margin:-margin].min()), 0.0)
     deep = (z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)) & (
         darkening > settings.deep_fraction * float(darkening.max())
@@ -179,6 +223,26 @@ def find_contact_region(
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
     dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
     return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
+
+
+def _without_light_at_border(darkening: View, in_view: View, limit: float, threshold: ContactThreshold) -> View:
+    """Return the darkening, zero in those parts above the limit that are darkest at the border of the view and not dark enough."""
+    if darkening.max() <= limit:
+        return darkening
+    border = (in_view > 0) & (cv2.erode(np.pad(in_view, 2), np.ones((5, 5), np.uint8))[2:-2, 2:-2] == 0)
+    count, parts = cv2.connectedComponents((darkening > limit).astype(np.uint8))
+    for number in range(1, count):
+        part = np.where(parts == number, darkening, 0)
+        if part.max() < threshold.border_darkening and border.flat[part.argmax()]:
+            darkening = np.where(part > 0, np.float32(0), darkening)
+    return darkening
+
+
+def _around(faint: View, shape: tuple[int, ...], margin: int) -> View:
+    """Return one on the cells of the inversion on or beside those of a faint contact."""
+    rows, cols = (side - 2 * margin for side in shape)
+    seen = cv2.dilate(cv2.resize(faint, (cols, rows)), _RIM)
+    return np.asarray(np.pad(seen > 0, margin), np.float32)
 
 
 def pressure_reaches_unseen(pressure: View, in_view: View) -> bool:
@@ -193,7 +257,7 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
     It is the median deviation of a cell from its smoothed surroundings, which contacts hardly change: they are small, or smooth.
     """
     smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
-    return float(np.median(np.abs(field - smooth))) * _STD_PER_MEDIAN / _SMOOTHING_RESIDUE
+    return float(robust_std(field - smooth)) / _SMOOTHING_RESIDUE
 
 
 def cell_noise_upper_bound(
@@ -212,16 +276,7 @@ def _estimate_pixel_noise(image: Float32[Array, "rows cols"], reference: Float32
     """Return the standard deviation of a pixel's relative brightness."""
     rows = np.s_[::_NOISE_EVERY_ROWS]
     brightness = image[rows] / np.maximum(reference[rows], np.float32(1))
-    return float(np.median(np.abs(np.diff(brightness, n=2, axis=1)))) * _STD_PER_MEDIAN / float(np.sqrt(6))
-
-
-def _brightness_on_cells(reading: Reading) -> View:
-    """Return the brightness of the image relative to its reference image, on cells."""
-    image, reference = (
-        _average_over_cells(rectified.grey, reading.rectified.mm_per_px)
-        for rectified in (reading.rectified, reading.reference)
-    )
-    return np.asarray(image / np.maximum(reference, np.float32(1)))
+    return noise_by_second_differences(brightness, axis=1)
 
 
 def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> View:
@@ -233,9 +288,3 @@ def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> 
 def _noise_limit(noise: float, noise_stds: float, minimum: float, smoothing_cells: float) -> float:
     """Return the largest smoothed darkening that is no contact; smoothing reduces white noise to 1/(2·√π·cells) of itself."""
     return max(noise_stds * noise / (2 * np.sqrt(np.pi) * smoothing_cells), minimum)
-
-
-def _average_over_cells(field: View, mm_per_px: float) -> Float32[Array, "few_rows few_cols"]:
-    """Return the means of a field over square cells of about half a millimetre."""
-    rows, cols = (max(round(side * mm_per_px / _CELL_MM), 1) for side in field.shape)
-    return np.asarray(cv2.resize(field, (cols, rows), interpolation=cv2.INTER_AREA))

@@ -21,7 +21,7 @@ of a ball that is twisted by 10° is 0.3 to 0.6."""
 
 
 @dataclass(frozen=True)
-class ContactExtent:
+class PressureRmsRadii:
     """The extent of a contact: root mean square distances of its pressure from the centre."""
 
     short_mm: float
@@ -45,27 +45,27 @@ class ContactExtent:
         return float(share * abs(force_n) * self.radius_of_gyration_mm / 1e3)
 
 
-def contact_extent(
+def pressure_rms_radii(
     weight: Float[Array, "rows cols"], x_mm: Float[Array, "..."], y_mm: Float[Array, "..."]
-) -> ContactExtent:
+) -> PressureRmsRadii:
     """Return the extent of a contact from its pressure, or from its indentation where the pressure is not known; 0 without one.
 
     x_mm, y_mm: coordinates that broadcast to the shape of the weight.
     """
     total = float(weight.sum())
     if total <= 0:
-        return ContactExtent(0.0, 0.0)
+        return PressureRmsRadii(0.0, 0.0)
     x, y = (mm - float((weight * mm).sum()) / total for mm in (x_mm, y_mm))
     across = float((weight * x * y).sum()) / total
     moments = np.array(
         [[float((weight * x * x).sum()) / total, across], [across, float((weight * y * y).sum()) / total]]
     )
     short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(moments), 0.0)).tolist()
-    return ContactExtent(short, long)
+    return PressureRmsRadii(short, long)
 
 
 def hidden_torque_nm(reading: Reading, force_n: float) -> float:
     """Return one standard deviation of the torque about z, in N·m, that the image of a contact under this normal force hides."""
     x_mm, y_mm = reading.height.axes_mm
     pressed_mm = np.where(reading.contact, reading.height.indentation_mm, 0)
-    return contact_extent(pressed_mm, x_mm[None, :], y_mm[:, None]).hidden_torque_nm(force_n)
+    return pressure_rms_radii(pressed_mm, x_mm[None, :], y_mm[:, None]).hidden_torque_nm(force_n)

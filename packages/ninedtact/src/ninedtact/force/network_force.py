@@ -18,7 +18,7 @@ from ninedtact.errors import ForceEstimationError
 from ninedtact.force.contact_detection import ContactTest, detect_contact
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
 from ninedtact.force.hidden_twist import hidden_torque_nm
-from ninedtact.force.network_input import NetworkInputBuilder, SensorFeatures
+from ninedtact.force.network_input import NetworkInputBuilder, SensorParameterInputs
 from ninedtact.force.onnx_model import ForceModel, ModelCard, WrenchPrediction
 from ninedtact.force.out_of_distribution import is_out_of_distribution
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
@@ -42,7 +42,7 @@ class NetworkForce(ForceEstimator):
     gel: Gel = field(default_factory=Gel)
     """Its shear modulus scales the wrench."""
     contact_test: ContactTest = detect_contact
-    features: SensorFeatures | None = None
+    features: SensorParameterInputs | None = None
     """Features of the sensor; models that need only the gel's thickness run without them."""
     calibration_checksum: str = ""
 
@@ -54,7 +54,9 @@ class NetworkForce(ForceEstimator):
                 got="none",
                 remedy="use load_sensor(FOLDER).estimator(MODEL), or give features=sensor_features_of(shape, gel)",
             )
-        self.input = NetworkInputBuilder(self.model.card.input, self.features or SensorFeatures(self.gel.thickness_mm))
+        self.input = NetworkInputBuilder(
+            self.model.card.input, self.features or SensorParameterInputs(self.gel.thickness_mm)
+        )
         self._no_contact_std: Float64[Array, 6] | None = None
 
     @property

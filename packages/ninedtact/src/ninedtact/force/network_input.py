@@ -40,7 +40,7 @@ from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights
 
 
 @dataclass(frozen=True)
-class SensorFeatures:
+class SensorParameterInputs:
     """Gel thickness and light parameters of one sensor, as a network's input; the defaults are typical values."""
 
     thickness_mm: float = Gel().thickness_mm
@@ -59,15 +59,15 @@ class SensorFeatures:
         return np.array(list(vars(self).values()), np.float32)
 
 
-TYPICAL_FEATURES = SensorFeatures()
+TYPICAL_FEATURES = SensorParameterInputs()
 
 
-def sensor_features_of(shape: CalibratedShape, gel: Gel) -> SensorFeatures:
+def sensor_features_of(shape: CalibratedShape, gel: Gel) -> SensorParameterInputs:
     """Return the features of a calibrated sensor with this gel."""
     curve, typical = shape.curve, TYPICAL_FEATURES
     if curve.signal != "ratio":
-        return SensorFeatures(gel.thickness_mm)
-    return SensorFeatures(
+        return SensorParameterInputs(gel.thickness_mm)
+    return SensorParameterInputs(
         gel.thickness_mm,
         _initial_slope(curve.darkening, curve.indentation_mm, typical.darkening_per_mm),
         _initial_slope(curve.brightening, curve.bulge_mm, typical.brightening_per_mm),
@@ -164,7 +164,7 @@ class NetworkInputBuilder:
     """Builds the network's input from a reading. It keeps the last reference at the network's size."""
 
     settings: NetworkInputSettings = field(default_factory=NetworkInputSettings)
-    features: SensorFeatures = TYPICAL_FEATURES
+    features: SensorParameterInputs = TYPICAL_FEATURES
     """Features of the sensor whose readings are given."""
     _reader: DeformationBuilder | None = field(default=None, init=False, repr=False)
 

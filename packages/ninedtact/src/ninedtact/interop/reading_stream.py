@@ -16,7 +16,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import cached_property, partial
 from time import monotonic_ns
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal
 from urllib.parse import parse_qs, urlsplit
 
 import cv2
@@ -33,6 +33,7 @@ from ninedtact.quantities import WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.sensor import Sensor
+from ninedtact.tracking import ContactTracker, TrackedContacts
 
 STREAM_FORMAT = 1
 """Number of the message format, raised when a field changes its meaning."""
@@ -49,6 +50,53 @@ class StreamRequest(msgspec.Struct, forbid_unknown_fields=True):
     token: str = ""
     """The printed token, where there is one; over WebSocket it is part of the address."""
     images: ImageFormat = "none"
+    tracking: bool = False
+    """Whether readings have contacts, motion and slip; over WebSocket `?tracking=true`."""
+
+
+class StreamedContact(msgspec.Struct):
+    """One connected contact."""
+
+    number: int
+    """The same in every reading in which the contact is followed."""
+    centre_mm: list[float]
+    area_mm2: float
+    force_n: list[float] | None
+    """Its share of the force; null where none is known."""
+
+
+class StreamedMotion(msgspec.Struct):
+    """Motion of the object that touches since it touched first."""
+
+    path: int
+    """Rises where another object touches, or the same one beyond recognition."""
+    moved_mm: list[float]
+    rotation_vector_rad: list[float]
+    """Axis of the rotation times its angle, in the axes of the sensor."""
+    std: list[float]
+    """One standard deviation of the three displacements in mm and of the rotation about x, y and z in rad."""
+
+
+class StreamedSlip(msgspec.Struct):
+    """How much of what touches slides; numbers are null where they are not known."""
+
+    state: str
+    """static, incipient, gross or unknown."""
+    p_incipient: float | None
+    p_gross: float | None
+    sticking_share: float | None
+    speed_mm_s: float | None
+    friction: float | None
+    friction_std: float | None
+
+
+class StreamedTracking(msgspec.Struct):
+    """What touches, followed from reading to reading since a client first asked for it."""
+
+    contacts: list[StreamedContact]
+    motion: StreamedMotion | None
+    """Null where the object is not followed."""
+    slip: StreamedSlip
 
 
 class StreamedWrench(msgspec.Struct):
@@ -93,6 +141,8 @@ class StreamedReading(msgspec.Struct, tag="reading", tag_field="type"):
     missed: int = 0
     """Readings that this client missed since its last message, because it was slow."""
     image: StreamedImage | None = None
+    tracking: StreamedTracking | None = None
+    """Null unless the client asked for it."""
 
 
 class StreamedStatus(msgspec.Struct, tag="status", tag_field="type"):
@@ -122,17 +172,19 @@ def reading_stream_json_schema() -> dict[str, Any]:
 class _SharedMessage:
     """A reading or a status on its way to the clients; what they have in common is encoded once, when one is sent it."""
 
-    def __init__(self, source: Reading | SensorSnapshot, sensor: str) -> None:
-        self.source, self._sensor = source, sensor
+    def __init__(self, source: Reading | SensorSnapshot, sensor: str, tracked: TrackedContacts | None = None) -> None:
+        self.source, self._sensor, self._tracked = source, sensor, tracked
         self._images: dict[ImageFormat, StreamedImage] = {}
 
-    def encode(self, images: ImageFormat, missed: int) -> bytes:
+    def encode(self, wanted: StreamRequest, missed: int) -> bytes:
         """Return the message for a client that missed so many readings before it."""
         if isinstance(self.source, SensorSnapshot):
             phase = self.source.phase_text(monotonic_ns())
             return msgspec.json.encode(StreamedStatus(self._sensor, STREAM_FORMAT, phase, self.source.trouble_sentence))
         message, reading = self._message, self.source
-        message.missed, message.image = missed, None if images == "none" else self._image(images, reading)
+        message.missed = missed
+        message.image = None if wanted.images == "none" else self._image(wanted.images, reading)
+        message.tracking = self._tracking if wanted.tracking else None
         message.age_ms = round(reading.age_ms(monotonic_ns()), 3)
         return msgspec.json.encode(message)
 
@@ -152,6 +204,10 @@ class _SharedMessage:
             warnings=list(reading.warnings),
         )
 
+    @cached_property
+    def _tracking(self) -> StreamedTracking | None:
+        return None if self._tracked is None else _streamed_tracking(self._tracked)
+
     def _image(self, images: ImageFormat, reading: Reading) -> StreamedImage:
         if images not in self._images:
             rows, cols = reading.image.shape[:2]
@@ -166,10 +222,30 @@ def _streamed_wrench(estimate: WrenchEstimate) -> StreamedWrench:
     return StreamedWrench(wrench.force_n.tolist(), wrench.torque_nm.tolist(), std[:3], std[3:], estimate.touching)
 
 
+def _streamed_tracking(found: TrackedContacts) -> StreamedTracking:
+    contacts = [
+        StreamedContact(
+            one.number,
+            one.centre_mm.tolist(),
+            one.area_mm2,
+            None if one.force is None else one.force.wrench.force_n.tolist(),
+        )
+        for one in found.contacts
+    ]
+    motion, slip = found.motion, found.slip
+    moved = StreamedMotion(
+        motion.path, motion.moved_mm.tolist(), motion.motion.rotation_vector_rad.tolist(), motion.std.tolist()
+    )
+    numbers = (slip.p_incipient, slip.p_gross, slip.sticking_share, slip.speed, slip.friction, slip.friction_std)
+    known = [float(one) if np.isfinite(one) else None for one in numbers]
+    return StreamedTracking(contacts, moved if motion.is_known else None, StreamedSlip(str(slip.state), *known))
+
+
 class _ClientQueue:
     """The messages that wait for one client; where too many wait, the oldest are missed."""
 
-    def __init__(self) -> None:
+    def __init__(self, wanted: StreamRequest) -> None:
+        self.wanted = wanted
         self._waiting: asyncio.Queue[_SharedMessage] = asyncio.Queue(_QUEUED_READINGS)
         self._missed = 0
 
@@ -178,12 +254,12 @@ class _ClientQueue:
             self._missed += isinstance(self._waiting.get_nowait().source, Reading)
         self._waiting.put_nowait(message)
 
-    async def next_message(self, images: ImageFormat) -> bytes:
+    async def next_message(self) -> bytes:
         """Wait for the next message, a reading with the number of those that this client missed before it."""
         message = await self._waiting.get()
         missed = self._missed if isinstance(message.source, Reading) else 0
         self._missed -= missed
-        return message.encode(images, missed)
+        return message.encode(self.wanted, missed)
 
 
 class ReadingServer:
@@ -202,6 +278,8 @@ class ReadingServer:
         self._status: _SharedMessage | None = None
         """The status while the sensor does not simply read."""
         self._thread = ServerThread("serve readings")
+        self._tracker: ContactTracker | None = None
+        """None while no client asks for tracking."""
 
     @property
     def tcp_address(self) -> str:
@@ -214,8 +292,16 @@ class ReadingServer:
         return len(self._queues)
 
     def publish(self, message: Reading | SensorSnapshot) -> None:
-        """Hand a reading or a changed status to all clients; returns at once."""
-        self._thread.loop.call_soon_threadsafe(self._distribute, message)
+        """Hand a reading or a changed status to all clients, with what touches where one of them asks for it."""
+        tracked = self._follow(message) if isinstance(message, Reading) else None
+        self._thread.loop.call_soon_threadsafe(self._distribute, message, tracked)
+
+    def _follow(self, reading: Reading) -> TrackedContacts | None:
+        if not any(queue.wanted.tracking for queue in tuple(self._queues)):
+            self._tracker = None
+            return None
+        self._tracker = self._tracker or ContactTracker()
+        return self._tracker.update(reading)
 
     def serve(self, sensor: Sensor, should_stop: Callable[[], bool], notify: Callable[[str], None]) -> int:
         """Publish every reading of a sensor, and its status where that changes; return the number of readings.
@@ -256,32 +342,32 @@ class ReadingServer:
         for task in self._tcp_tasks:
             task.cancel()
 
-    def _distribute(self, source: Reading | SensorSnapshot) -> None:
-        message = _SharedMessage(source, self._sensor)
+    def _distribute(self, source: Reading | SensorSnapshot, tracked: TrackedContacts | None) -> None:
+        message = _SharedMessage(source, self._sensor, tracked)
         if isinstance(source, SensorSnapshot):
             is_plain = source.phase is SensorPhase.READING and source.trouble is None
             self._status = None if is_plain else message
         for queue in self._queues:
             queue.add(message)
 
-    async def _feed(self, images: ImageFormat, send: Callable[[bytes], Awaitable[None]]) -> None:
+    async def _feed(self, wanted: StreamRequest, send: Callable[[bytes], Awaitable[None]]) -> None:
         """Send readings and statuses to a client until it leaves, at first the status where the sensor does not simply read."""
-        queue = _ClientQueue()
+        queue = _ClientQueue(wanted)
         self._queues.add(queue)
         if self._status is not None:
             queue.add(self._status)
         try:
             while True:
-                await send(await queue.next_message(images))
+                await send(await queue.next_message())
         finally:
             self._queues.discard(queue)
 
     async def _feed_websocket(self, connection: ServerConnection) -> None:
         request = connection.request
-        images = _asked_images(request.path) if request is not None else None
-        if images is None:  # refused before the handshake
+        wanted = _parse_query(request.path) if request is not None else None
+        if wanted is None:  # refused before the handshake
             return
-        feed = asyncio.ensure_future(self._feed(images, partial(connection.send, text=True)))
+        feed = asyncio.ensure_future(self._feed(wanted, partial(connection.send, text=True)))
         leaving = asyncio.ensure_future(connection.wait_closed())  # noticed also while there are no readings
         await asyncio.wait({feed, leaving}, return_when=asyncio.FIRST_COMPLETED)
         leaving.cancel()
@@ -310,7 +396,7 @@ class ReadingServer:
                 writer.close()
             else:
                 self._tcp_tasks.add(task)
-                await self._feed(request.images, send)
+                await self._feed(request, send)
         except (
             OSError,
             TimeoutError,
@@ -347,13 +433,16 @@ async def _answer_request(connection: ServerConnection, request: Request) -> Res
     path = urlsplit(request.path).path
     if path == "/schema.json":
         return connection.respond(200, json.dumps(reading_stream_json_schema(), indent=2))
-    if path != "/" or _asked_images(request.path) is None:
-        return connection.respond(404, "expected /, /?images=jpeg, /?images=png or /schema.json; correct the address\n")
+    if path != "/" or _parse_query(request.path) is None:
+        expected = "/, /?images=jpeg, /?images=png, /?tracking=true or /schema.json"
+        return connection.respond(404, f"expected {expected}; correct the address\n")
     return None
 
 
-def _asked_images(path: str) -> ImageFormat | None:
-    """Return the images that the query of an address asks for; None for a query that is not understood."""
-    query = parse_qs(urlsplit(path).query, keep_blank_values=True)
-    images = query.pop("images", ["none"])[-1]
-    return None if query or images not in get_args(ImageFormat) else cast("ImageFormat", images)
+def _parse_query(path: str) -> StreamRequest | None:
+    """Return what the query of an address asks for; None for one that is not understood. The token is no part of it."""
+    query = {name: values[-1] for name, values in parse_qs(urlsplit(path).query, keep_blank_values=True).items()}
+    try:
+        return None if "token" in query else msgspec.convert(query, StreamRequest, strict=False)
+    except msgspec.ValidationError:
+        return None

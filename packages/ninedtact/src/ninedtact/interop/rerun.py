@@ -7,6 +7,9 @@ Entities, each below the name of the sensor:
     surface      points in mm, coloured      warnings                                  warnings of the estimates, as text
     reference    rectified, without contact  sensor                                    its name, and the checksum of its calibration
     indentation  maximum indentation, mm
+    contacts     outlines in mm, numbered    object    the point of the object that was the middle of its first contact, mm
+    motion/x_mm, y_mm, z_mm, yaw_deg         value, value − σ, value + σ, while the object is followed
+    slip/sticking_share, p_incipient, p_gross          slip/state  as text, where it changes
 
 Forces are in N, torques in N·m about the skin centre. Timelines: `sensor_time`, the wall time of arrival of an image or sample,
 and `image`, the number of the image in its source. Times of logging are not written.
@@ -30,13 +33,19 @@ from ninedtact.errors import OutputError
 from ninedtact.quantities import HeightMap, Rectified
 from ninedtact.reading import Reading
 from ninedtact.recording.export import require_exportable
+from ninedtact.recording.followed_recording import follow_recording
 from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic, ros_name
 from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.surface import point_cloud
+from ninedtact.tracking import SlipState, TrackedContacts
 
 SUFFIX = ".rrd"
 COMPONENTS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+MOTION = ("x_mm", "y_mm", "z_mm", "yaw_deg")
+SLIP = ("sticking_share", "p_incipient", "p_gross")
+_LIFT_MM = 0.2
+"""Height of outlines over the untouched skin."""
 _PIPE_BYTES = 1 << 20
 _JPEG_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 95]
 _AXIS_COLOURS = {
@@ -54,6 +63,7 @@ class RerunLog:
     def __init__(self, sensor: str, stream: rr.RecordingStream, points_every: int = 4) -> None:
         self._root, self._stream, self._points_every = f"/{ros_name(sensor)}", stream, points_every
         self._colours = ColourScale()
+        self._slip = SlipState.UNKNOWN
         stream.set_log_time_enabled(False)
         stream.set_log_tick_enabled(False)
 
@@ -65,6 +75,28 @@ class RerunLog:
             self._stream.log(f"{self._root}/{entity}", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
         self._stream.log(f"{self._root}/surface", self._surface(reading.height))
         self._stream.log(f"{self._root}/indentation", rr.Scalars(reading.max_indentation_mm))
+
+    def log_contacts(self, found: TrackedContacts, wall_ns: int) -> None:
+        """Log contacts, the motion of the object and its slip; what is not known is empty."""
+        self._set_time(wall_ns, found.reading.frame.index)
+        root, motion, slip = self._root, found.motion, found.slip
+        outlines = [np.vstack([one.outline_mm, one.outline_mm[:1]]) for one in found.contacts]
+        strips = [np.pad(line, ((0, 0), (0, 1)), constant_values=_LIFT_MM) for line in outlines]
+        labels = [f"{one.number}" for one in found.contacts]
+        self._stream.log(f"{root}/contacts", rr.LineStrips3D(strips, labels=labels, colors=[(20, 20, 20)]))
+        points = [motion.position_mm] if motion.is_known else []
+        self._stream.log(f"{root}/object", rr.Points3D(points, radii=0.3, colors=[(0, 114, 178)]))
+        values = (
+            np.append(motion.moved_mm, np.degrees(motion.motion.yaw_rad)) if motion.is_known else np.full(4, np.nan)
+        )
+        std = np.append(motion.std[:3], np.degrees(motion.std[5]))
+        for name, value, error in zip(MOTION, values.tolist(), std.tolist(), strict=True):
+            self._stream.log(f"{root}/motion/{name}", rr.Scalars([value, value - error, value + error]))
+        for name in SLIP:
+            self._stream.log(f"{root}/slip/{name}", rr.Scalars([getattr(slip, name)]))
+        if slip.state != self._slip:
+            self._slip = slip.state
+            self._stream.log(f"{root}/slip/state", rr.TextLog(str(slip.state)))
 
     def log_wrenches(
         self,
@@ -121,6 +153,8 @@ class RerunLog:
             name="Indentation (mm)", origin=f"{root}/indentation", plot_legend=rrb.PlotLegend(visible=False)
         )
         eye = rrb.EyeControls3D(position=_EYE_MM, look_target=_LOOK_AT_MM, eye_up=(0.0, 0.0, 1.0))
+        motion = rrb.TimeSeriesView(name="Motion of the object (mm, °)", origin=f"{root}/motion")
+        slip = rrb.TimeSeriesView(name="Slip", origin=f"{root}/slip")
         views = rrb.Horizontal(
             rrb.Vertical(
                 rrb.Spatial2DView(name="Camera", origin=f"{root}/image"),
@@ -128,8 +162,14 @@ class RerunLog:
                 rrb.TextLogView(name="Warnings", origin=f"{root}/warnings"),
                 row_shares=[3, 3, 2],
             ),
-            rrb.Spatial3DView(name="Surface (mm)", origin=f"{root}/surface", eye_controls=eye, line_grid=False),
-            rrb.Vertical(*wrenches, indentation),
+            rrb.Spatial3DView(
+                name="Surface (mm)",
+                origin=root,
+                contents=[f"{root}/{entity}" for entity in ("surface", "contacts", "object")],
+                eye_controls=eye,
+                line_grid=False,
+            ),
+            rrb.Vertical(*wrenches, indentation, motion, slip),
             column_shares=[3, 4, 4],
         )
         time_panel = rrb.TimePanel(timeline="sensor_time", state="collapsed")
@@ -220,12 +260,14 @@ def _log_recording(log: RerunLog, recording: Recording, on_image: Callable[[], N
     wall_ns, readings = recording.metadata.wall_ns, 0
     stamps_ns: dict[int, int] = {}
     reference: Rectified | None = None
-    for readings, reading in enumerate(recording.readings(), start=1):  # noqa: B007 - counted
+    for readings, found in enumerate(follow_recording(recording), start=1):  # noqa: B007 - counted
+        reading = found.reading
         stamps_ns[reading.frame.index] = reading.stamp_ns
         if reading.reference is not reference:
             reference = reading.reference
             log.log_reference(reference, wall_ns(reading.stamp_ns), reading.frame.index)
         log.log_reading(reading, wall_ns(reading.stamp_ns))
+        log.log_contacts(found, wall_ns(reading.stamp_ns))
         on_image()
     written = {"readings": readings}
     estimates, measured = list(recording.estimates()), list(recording.wrenches(Topic.MEASURED))

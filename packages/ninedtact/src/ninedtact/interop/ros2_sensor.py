@@ -21,14 +21,17 @@ from ninedtact.interop.ros2_topics_and_messages import (
     COMMAND,
     CONTACTS,
     LIVE_TOPICS,
+    SLIP,
     STATUS,
     STRING_TYPE,
+    TF,
     TF_STATIC,
     TF_TYPE,
     QosProfile,
     SensorMessages,
     decode_ros2_command,
     encode_ros2_contacts,
+    encode_ros2_slip,
     encode_ros2_status,
 )
 from ninedtact.interop.sensor_sharing import watch_sensor
@@ -73,8 +76,8 @@ class SensorOnRos2:
     _recorder: ReadingRecorder = field(init=False)
     _recording_trouble: str = field(default="", init=False)
     """Why the last recording ended by itself, and what it keeps; empty where it did not."""
-    _tracker: ContactTracker = field(default_factory=ContactTracker, init=False, repr=False)
-    """Follows contacts while anybody subscribes to them."""
+    _tracker: ContactTracker | None = field(default=None, init=False, repr=False)
+    """Follows contacts and the object while anybody subscribes to them."""
     _reference: Rectified | None = field(default=None, init=False, repr=False)
     """The reference image that was published last, and when, in s."""
     _reference_at: float = field(default=-_REFERENCE_S, init=False)
@@ -90,6 +93,7 @@ class SensorOnRos2:
             for topic, profile in self.profiles.items()
         }
         self._transforms = make(TF_STATIC, TF_TYPE, QosProfile.LATCHED)
+        self._object = make(TF, TF_TYPE, QosProfile.RELIABLE)
         self._commands = self.participant.reader(self.messages.path(COMMAND), STRING_TYPE, QosProfile.RELIABLE)
 
     def run(self, should_stop: Callable[[], bool]) -> None:
@@ -123,11 +127,24 @@ class SensorOnRos2:
         wanted = {topic for topic, writer in self._writers.items() if writer.has_subscribers}
         for topic, message in self.messages.encode(reading, wall_ns, wanted).items():
             self._writers[topic].write(message)
-        if CONTACTS in wanted:
-            self._writers[CONTACTS].write(encode_ros2_contacts(self._tracker.update(reading), wall_ns))
+        self._publish_tracking(reading, wall_ns, wanted)
         if reading.reference is not self._reference:
             self._publish_reference(reading.reference, wall_ns)
         self.published += 1
+
+    def _publish_tracking(self, reading: Reading, wall_ns: int, wanted: set[str]) -> None:
+        """Publish contacts, slip and the object's frame where somebody subscribes to one of them."""
+        if not (wanted & {CONTACTS, SLIP} or self._object.has_subscribers):
+            self._tracker = None  # a gap would be taken for a motion
+            return
+        self._tracker = self._tracker or ContactTracker()
+        found = self._tracker.update(reading)
+        if CONTACTS in wanted:
+            self._writers[CONTACTS].write(encode_ros2_contacts(found, wall_ns))
+        if SLIP in wanted:
+            self._writers[SLIP].write(encode_ros2_slip(found.slip, wall_ns))
+        if found.motion.is_known and self._object.has_subscribers:
+            self._object.write(self.messages.encode_object_transform(found.motion, wall_ns))
 
     def _publish_reference(self, reference: Rectified, wall_ns: int) -> None:
         if monotonic() - self._reference_at > _REFERENCE_S:

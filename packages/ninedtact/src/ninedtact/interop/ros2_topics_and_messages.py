@@ -6,12 +6,13 @@ information added. Lengths are in metres (REP 103). Frames of a sensor `my_senso
     my_sensor_skin            origin in the middle of the untouched skin, x along image columns, y along rows, z outward
     my_sensor_gel             the same axes; origin where the gel is bonded to its base
     my_sensor_camera_optical  z forward along the view, x to the right, y down in the raw image (REP 103, suffix `_optical`)
+    my_sensor_object          of what touches: where it touched first, origin in the middle of the contact, axes those of the skin
 
 The tree has no parent of `skin`; who mounts the sensor publishes the transform from the robot's link to it.
 """
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -22,6 +23,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 from rosbags.serde import SerdeError
+from scipy.spatial.transform import Rotation
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
@@ -43,10 +45,10 @@ from ninedtact.recording.topics_and_messages import (
 )
 from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.shape.surface import point_cloud
-from ninedtact.tracking import SlipEstimate, TrackedContacts
+from ninedtact.tracking import ObjectMotion, SlipEstimate, TrackedContacts
 
-TF_STATIC = "/tf_static"
-STATUS, COMMAND, CONTACTS = "status", "command", "contacts"
+TF, TF_STATIC = "/tf", "/tf_static"
+STATUS, COMMAND, CONTACTS, SLIP = "status", "command", "contacts", "slip"
 POINTS, COMPRESSED, CAMERA_INFO = "points", "image_raw/compressed", "camera_info"
 STRING_TYPE, TF_TYPE = "std_msgs/msg/String", "tf2_msgs/msg/TFMessage"
 _POINTS_TYPE, _COMPRESSED_TYPE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CompressedImage"
@@ -82,6 +84,7 @@ LIVE_TOPICS: Mapping[str, tuple[str, QosProfile]] = {
     Topic.WARNINGS: (MESSAGE_TYPES[Topic.WARNINGS], QosProfile.RELIABLE),
     Topic.REFERENCE_GREY: (MESSAGE_TYPES[Topic.REFERENCE_GREY], QosProfile.LATCHED),
     CONTACTS: (STRING_TYPE, QosProfile.RELIABLE),
+    SLIP: (STRING_TYPE, QosProfile.RELIABLE),
     STATUS: (STRING_TYPE, QosProfile.LATCHED),
 }
 """Type and default quality of service of every topic that is published; a reliable topic serves `sensor_data` subscribers too."""
@@ -173,10 +176,10 @@ class SensorMessages:
 
     def path(self, topic: str) -> str:
         """Return the full name of a topic."""
-        return topic if topic == TF_STATIC else f"/{ros_name(self.name)}/{topic}"
+        return topic if topic.startswith("/") else f"/{ros_name(self.name)}/{topic}"
 
     def frame(self, part: str) -> str:
-        """Return the name of a frame: of `skin`, `gel` or `camera_optical`."""
+        """Return the name of a frame: of `skin`, `gel`, `camera_optical` or `object`."""
         return f"{ros_name(self.name)}_{part}"
 
     @cached_property
@@ -242,18 +245,26 @@ class SensorMessages:
 
     def encode_static_transforms(self, wall_ns: int) -> bytes:
         """Return the transforms from the skin to the gel and to the camera."""
+        return encode_message(
+            TF_TYPE,
+            transforms=[
+                self._transform(child.name, (0.0, 0.0, child.z_m), (0.0, 0.0, *child.rotation_zw), wall_ns)
+                for child in self.child_frames
+            ],
+        )
+
+    def encode_object_transform(self, motion: ObjectMotion, wall_ns: int) -> bytes:
+        """Return the transform from the skin to the object that is followed."""
+        place_m = (_M_PER_MM * motion.position_mm).tolist()
+        quaternion = Rotation.from_matrix(motion.motion.rotation).as_quat().tolist()
+        return encode_message(TF_TYPE, transforms=[self._transform(self.frame("object"), place_m, quaternion, wall_ns)])
+
+    def _transform(self, child: str, place_m: Sequence[float], quaternion_xyzw: Sequence[float], wall_ns: int) -> Any:
         types = type_store().types
-        vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-
-        def transform(child: ChildFrame) -> Any:
-            moved = types["geometry_msgs/msg/Transform"](
-                vector(0.0, 0.0, child.z_m), quaternion(0.0, 0.0, *child.rotation_zw)
-            )
-            return types["geometry_msgs/msg/TransformStamped"](
-                message_header(wall_ns, self.frame("skin")), child.name, moved
-            )
-
-        return encode_message(TF_TYPE, transforms=[transform(child) for child in self.child_frames])
+        moved = types["geometry_msgs/msg/Transform"](
+            types["geometry_msgs/msg/Vector3"](*place_m), types["geometry_msgs/msg/Quaternion"](*quaternion_xyzw)
+        )
+        return types["geometry_msgs/msg/TransformStamped"](message_header(wall_ns, self.frame("skin")), child, moved)
 
     def point_values(self, reading: Reading) -> Float32[Array, "n 7"]:
         """Return `POINT_FIELDS` of every point: metres, outward unit normal, and the grey level of the rectified image."""
@@ -290,7 +301,7 @@ class SensorMessages:
 
 
 def encode_ros2_contacts(found: TrackedContacts, wall_ns: int) -> bytes:
-    """Return contacts and their slip as JSON in a string message: metres, N, N·m about the skin centre; null where not known.
+    """Return contacts, each with its slip, as JSON in a string message: metres, N, N·m about the skin centre; null where not known.
 
     wall_ns: wall time of the reading's image.
     """
@@ -305,8 +316,12 @@ def encode_ros2_contacts(found: TrackedContacts, wall_ns: int) -> bytes:
         }
         for contact, slip in zip(found.contacts, found.slips, strict=True)
     ]
-    fields = {"stamp_ns": wall_ns, "slip": _slip_fields(found.slip), "contacts": contacts}
-    return encode_message(STRING_TYPE, data=json.dumps(fields, allow_nan=False))
+    return encode_message(STRING_TYPE, data=json.dumps({"stamp_ns": wall_ns, "contacts": contacts}, allow_nan=False))
+
+
+def encode_ros2_slip(slip: SlipEstimate, wall_ns: int) -> bytes:
+    """Return the slip of the object as JSON in a string message, in metres; null where not known."""
+    return encode_message(STRING_TYPE, data=json.dumps({"stamp_ns": wall_ns, **_slip_fields(slip)}, allow_nan=False))
 
 
 def _slip_fields(slip: SlipEstimate) -> dict[str, Any]:

@@ -37,6 +37,10 @@ class GridRectangle:
         """The number of points as (rows, cols)."""
         return self.rows.stop - self.rows.start, self.cols.stop - self.cols.start
 
+    def enlarged(self, points: PointMask) -> "GridRectangle":
+        """Return the rectangle around this one and these points of all contacts of a batch, rounded up as all are."""
+        return rectangle_around_both(self, rectangle_around_points(points), (points.shape[-2], points.shape[-1]))
+
 
 class ActiveRegion(ABC):
     """Where on the grid contacts are solved, with the operators for it."""
@@ -100,6 +104,10 @@ class SharedActiveRectangle(ActiveRegion):
         """Return whether any contact of the batch has one of these points outside the rectangle."""
         return int(points.sum()) != int(self.crop(points).sum())
 
+    def enlarged(self, points: PointMask) -> "SharedActiveRectangle":
+        """Return a region that contains this one and these points of all contacts of the batch."""
+        return region_of_rectangle(self.skin, self.rectangle.enlarged(points))
+
 
 @dataclass(frozen=True)
 class ActiveRectangles(ActiveRegion):
@@ -144,13 +152,14 @@ def whole_grid_region(skin: Skin) -> SharedActiveRectangle:
 
 
 def find_touchable_region(skin: Skin, overlap_mm: ScalarField) -> SharedActiveRectangle:
-    """Return the region in which objects with these overlaps can touch; one for all contacts of a batch.
+    """Return the region in which objects with these overlaps can touch; one for all contacts of a batch."""
+    return region_of_rectangle(skin, rectangle_around_points(_near_object(overlap_mm)))
 
-    Contacts wider than half the grid get the whole grid: a part of it would cost more.
-    """
-    near = _near_object(overlap_mm)
-    near = to_numpy(array_namespace_of(near).any(near, axis=tuple(range(near.ndim - 2))))
-    return region_of_rectangle(skin, _rectangle_around(near.any(axis=1), near.any(axis=0), skin.grid.shape))
+
+def rectangle_around_points(points: PointMask) -> GridRectangle:
+    """Return the rectangle around these points of all contacts of a batch; the whole grid where there are none."""
+    near = to_numpy(array_namespace_of(points).any(points, axis=tuple(range(points.ndim - 2))))
+    return _rectangle_around(near.any(axis=1), near.any(axis=0), (near.shape[0], near.shape[1]))
 
 
 def region_of_rectangle(skin: Skin, rectangle: GridRectangle) -> SharedActiveRectangle:
@@ -195,21 +204,15 @@ def _near_object(overlap_mm: ScalarField) -> PointMask:
 
 
 def _rectangle_around(near_rows: Any, near_cols: Any, shape: tuple[int, int]) -> GridRectangle:
-    """Return the rectangle around these rows and columns; the whole grid where there are none, or too many."""
-    rows, cols = (_interval_around(near, points) for near, points in zip((near_rows, near_cols), shape, strict=True))
-    return whole_grid_rectangle(shape) if rows is None or cols is None else GridRectangle(rows, cols)
+    """Return the rectangle around these rows and columns; the whole grid where there are none."""
+    if not near_rows.any():
+        return whole_grid_rectangle(shape)
+    return GridRectangle(*(_interval_around(*side) for side in zip((near_rows, near_cols), shape, strict=True)))
 
 
-def _interval_around(near: Any, points: int) -> slice | None:
-    """Return the interval from the first to the last near point, lengthened to a rounded length.
-
-    None where there is no near point, or where the interval is longer than half of all points.
-    """
-    if not near.any():
-        return None
+def _interval_around(near: Any, points: int) -> slice:
+    """Return the interval from the first to the last near point, lengthened to a rounded length that fits into all points."""
     first, last = np.flatnonzero(near)[[0, -1]]
-    length = -(-(last + 1 - first) // _SIZE_STEP) * _SIZE_STEP
-    if 2 * length > points:
-        return None
+    length = min(-(-(last + 1 - first) // _SIZE_STEP) * _SIZE_STEP, points)
     start = min(max(first - (length - (last + 1 - first)) // 2, 0), points - length)
     return slice(int(start), int(start + length))

@@ -22,7 +22,6 @@ from ninedtact.mechanics.active_region import (
     ActiveRegion,
     SharedActiveRectangle,
     find_touchable_region,
-    whole_grid_region,
 )
 from ninedtact.mechanics.contact_result import (
     Contact,
@@ -122,9 +121,11 @@ class AlternatingSolver:
     def initial_state(self, pressure_mpa: ScalarField, shear_mpa: VectorField) -> AlternationState:
         """Return the state of first guesses of pressure and shear."""
         pressure, operators = self.constraint.scale_to_load(pressure_mpa), self.operators
-        none = 0 * self.depth_mm
-        pressed = PressureSolution(pressure, operators.indentation_from_pressure_mm(pressure), none, none, none, none)
-        sheared = ShearSolution(shear_mpa, operators.tangential_from_shear_mm(shear_mpa), none, none, none)
+        none, indentation = 0 * self.depth_mm, operators.indentation_from_pressure_mm(pressure)
+        first_steps = operators.first_step_lengths(none)
+        pressed = PressureSolution(pressure, indentation, none, none, none, none, first_steps[0])
+        tangential = operators.tangential_from_shear_mm(shear_mpa)
+        sheared = ShearSolution(shear_mpa, tangential, none, none, none, first_steps[1])
         bulge = operators.bulge_from_shear_mm(shear_mpa)
         return AlternationState(pressed, sheared, bulge, operators.tangential_from_pressure_mm(pressure))
 
@@ -318,13 +319,14 @@ class ContactModel:
             require_converged(contact.residual_mm, tolerance, contact.iterations)
 
     def solve(self, problem: ContactProblem, region: SharedActiveRectangle) -> Contact:
-        """Return the contact in the region that it should fit in, or on the whole grid where skin outside rises into the object.
+        """Return the contact in the region that it should fit in, or in a larger one where skin outside rises into the object.
 
         Nothing is refused; see `require_valid`.
         """
         contact, inside_object = problem.solve(region, self.settings)
-        if region.any_outside(inside_object):
-            contact, _ = problem.solve(whole_grid_region(self.skin), self.settings)
+        while region.any_outside(inside_object):
+            region = region.enlarged(inside_object)
+            contact, inside_object = replace(problem, guess=contact).solve(region, self.settings)
         return contact
 
     def _solve(self, problem: ContactProblem) -> Contact:

@@ -58,6 +58,8 @@ class Contact:
     """The largest violation of the contact's conditions: gap under pressure, overlap, or missed stick."""
     iterations: CountPerContact = 0
     """Iterations of both solvers, over all rounds."""
+    left: float = 1.0
+    """Part of the elastic tractions that is left in a gel that has relaxed; displacements are those of the elastic ones."""
 
     @property
     def centre_mm(self) -> tuple[ScalarPerContact, ScalarPerContact]:
@@ -69,7 +71,7 @@ class Contact:
         """The change of the gel's thickness, which is what light shows: the height less that of the gel's bottom."""
         if self.skin.gel.has_rigid_base:
             return self.height_mm
-        return self.height_mm - self.skin.interface_height_mm(self.pressure_mpa, self.shear_mpa)
+        return self.height_mm - self.skin.interface_height_mm(self.pressure_mpa, self.shear_mpa) / self.left
 
     @property
     def touches(self) -> bool:

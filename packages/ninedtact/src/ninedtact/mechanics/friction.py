@@ -39,6 +39,8 @@ class ShearSolution:
     initial_residual_mm: PerContact
     """The residual of the first guess."""
     iterations: PerContact
+    step_length: PerContact
+    """Length of the next step (α), from which the next round goes on, (…, 1, 1, 1)."""
 
 
 @dataclass(frozen=True)
@@ -129,17 +131,17 @@ def solve_shear(
         residual = limit.residual_mm(iterate.miss_mm, iterate.shear_mpa)
         iterations = iterations + unconverged
         unconverged = unconverged & (residual > tolerance_mm / 2)
-    return ShearSolution(iterate.shear_mpa, iterate.miss_mm + target_mm, residual, initial, iterations)
+    displacement = iterate.miss_mm + target_mm
+    return ShearSolution(iterate.shear_mpa, displacement, residual, initial, iterations, iterate.step_length)
 
 
 def _first_iterate(problem: _ShearProblem, start: ShearSolution) -> _ShearIterate:
-    """Return the first guess, limited to what friction can hold; its step length is 4 over the largest compliance."""
+    """Return the first guess, limited to what friction can hold."""
     shear, displacement = start.shear_mpa, start.displacement_mm
     if shear.ndim > 3 or problem.limit.is_exceeded_by(shear):  # to ask of a batch would stop a device
         shear = problem.limit.project(shear)
         displacement = problem.operators.tangential_from_shear_mm(shear)
-    step_length = 4 / problem.operators.max_shear_compliance_mm_per_mpa + 0 * displacement[..., :1, :1, :1]
-    return _ShearIterate(shear, displacement - problem.target_mm, step_length)
+    return _ShearIterate(shear, displacement - problem.target_mm, start.step_length)
 
 
 def _projected_gradient_step(
@@ -158,7 +160,9 @@ def _projected_gradient_step(
         ratio = _inner_product(shear_change, shear_change), curvature
     else:
         ratio = curvature, _inner_product(miss_change, miss_change)
-    step_length = operators.xp.where(curvature > 0, ratio[0] / nonzero_divisor(ratio[1]), last.step_length)
+    step_length = operators.xp.where(
+        unconverged & (curvature > 0), ratio[0] / nonzero_divisor(ratio[1]), last.step_length
+    )
     return _ShearIterate(shear, miss, step_length)
 
 

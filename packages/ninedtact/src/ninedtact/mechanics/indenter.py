@@ -16,7 +16,7 @@ from numpy import ndarray as Array
 
 from ninedtact.design import require_positive
 from ninedtact.errors import InputError
-from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, expand_over_grid
+from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, expand_over_grid, to_numpy
 from ninedtact.mechanics.pose import Pose
 
 Heights = Float[Any, "*batch rows cols"]
@@ -41,6 +41,11 @@ class Indenter(ABC):
 
     name: str
     """The object's name, which is also its identifier in a data set."""
+
+    @property
+    def half_size_mm(self) -> tuple[float, float]:
+        """Own |x| and |y| beyond which there is no object; NO_OBJECT_MM where that is not known."""
+        return NO_OBJECT_MM, NO_OBJECT_MM
 
     @abstractmethod
     def underside_mm(self, x_mm: Heights, y_mm: Heights) -> Heights:
@@ -120,6 +125,7 @@ def _tilted_underside_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: He
 
     The object is searched from its own plane upwards until a line is inside; secants and bisections narrow the
     interval in which it entered. This finds one entry at walls, overhangs and edges, where a fixed-point iteration would oscillate.
+    Lines beside the object are not searched.
     """
     if not np.all(np.abs(pose.tilt_x_rad) + np.abs(pose.tilt_y_rad) < MAX_TILT_RAD):
         raise InputError(
@@ -129,14 +135,31 @@ def _tilted_underside_mm(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: He
         )
     rotation = [[expand_over_grid(pose.rotation[..., row, col], x_mm) for col in range(3)] for row in range(3)]
     x, y = x_mm - expand_over_grid(pose.x_mm, x_mm), y_mm - expand_over_grid(pose.y_mm, y_mm)
-    lines = _VerticalLines(indenter, rotation, x, y)
+    near = _lines_near_object(indenter, pose, x, y)
+    lines = _VerticalLines(indenter, rotation, x[near], y[near])
     bracket = _bracket_first_entry(lines, np.hypot(*pose.rotation[..., 2, :2].T) / pose.rotation[..., 2, 2])
     xp = array_namespace(x_mm)
     for _ in range(_TILT_HALVINGS):
         for height in (bracket.secant_mm, (bracket.below_mm + bracket.inside_mm) / 2):
             bracket.narrow(xp, height, lines.depth_inside_mm(height), bracket.found)
-    entry = xp.where(bracket.found, lines.z_mm(bracket.secant_mm), NO_OBJECT_MM)
-    return entry - expand_over_grid(pose.depth_mm, x_mm)
+    entry = xp.zeros_like(x) + (NO_OBJECT_MM - expand_over_grid(pose.depth_mm, x_mm))
+    found = xp.where(bracket.found, lines.z_mm(bracket.secant_mm), NO_OBJECT_MM)
+    entry[near] = found - expand_over_grid(pose.depth_mm, x_mm)
+    return entry
+
+
+def _lines_near_object(indenter: Indenter, pose: Pose, x_mm: Heights, y_mm: Heights) -> Any:
+    """Return the index of the rectangle of vertical lines that may meet the object under any pose of a batch.
+
+    x_mm, y_mm: positions of the lines from the object's origin.
+    """
+    ends = np.stack(np.meshgrid(*((-half, half) for half in indenter.half_size_mm), (0.0, _TILT_REACH_MM)))
+    across = pose.rotation[..., :2, :] @ ends.reshape(3, -1)
+    near = (x_mm >= across[..., 0, :].min()) & (x_mm <= across[..., 0, :].max())
+    near = near & (y_mm >= across[..., 1, :].min()) & (y_mm <= across[..., 1, :].max())
+    near = to_numpy(array_namespace(near).any(near, axis=tuple(range(near.ndim - 2)))) > 0
+    sides = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    return (..., *(slice(int(side[0]), int(side[-1]) + 1) if len(side) else slice(0, 1) for side in sides))
 
 
 def _bracket_first_entry(lines: _VerticalLines, slope: ScalarPerContact) -> _EntryBracket:

@@ -1,13 +1,13 @@
 """Normal contact: the area in which the object touches the skin, and the pressure there.
 
 The gap between skin and object is never negative, the pressure is never negative, and at every point at least one of the two
-is zero. Projected conjugate gradients on the points under pressure solve this problem (Polonsky and Keer 1999,
-docs/references.md). Either the depth of the object is given, or its load; with a given load the depth is the one at which the
-mean gap under pressure is zero.
+is zero. The pressure is the minimum of a convex energy, found as the shear is (`friction`): by projected gradients with the step
+lengths of Barzilai and Borwein (docs/references.md). Conjugate gradients (Polonsky and Keer 1999), which begin again whenever the
+contact area changes, took as many steps of twice as many transforms. Either the depth of the object is given, or its load; with a
+given load the depth is the one at which the mean gap under pressure is zero.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from ninedtact.mechanics.numpy_or_torch_arrays import (
@@ -36,6 +36,8 @@ class PressureSolution:
     initial_residual_mm: PerContact
     """The residual of the first guess."""
     iterations: PerContact
+    step_length: PerContact
+    """Length of the next step (α), from which the next round goes on."""
 
 
 @dataclass(frozen=True)
@@ -68,23 +70,14 @@ class ContactConstraint:
 
 @dataclass(frozen=True)
 class _PressureIterate:
-    """One iterate of the conjugate gradients."""
+    """One iterate of the projected gradients."""
 
     pressure_mpa: ScalarField
     gap_mm: ScalarField
-    """The gap between skin and object, from the given level."""
-    depth_increase_mm: Any
-    direction: ScalarField
-    """The last search direction (d)."""
-    squared_residual: PerContact
-    """Sum of the squared residual (r) of that step."""
-    active: PointMask
-    """The points that were free to change in that step."""
-
-    @cached_property
-    def pressed(self) -> PointMask:
-        """The points under pressure."""
-        return self.pressure_mpa > 0
+    """The gap between skin and object, from the given level: the gradient (g)."""
+    depth_increase_mm: PerContact
+    step_length: PerContact
+    """Length of the next step (α), MPa per mm of gap."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +87,14 @@ class _PressureProblem:
     operators: DisplacementOperators
     constraint: ContactConstraint
     overlap_mm: ScalarField
-    tolerance_mm: PerContact
+    none: PerContact
+    """Zero for each contact."""
+
+    def iterate(self, pressure: ScalarField, indentation_mm: ScalarField, step_length: PerContact) -> _PressureIterate:
+        """Return the iterate with this pressure, its gaps measured from the level that the constraint gives."""
+        gap = indentation_mm - self.overlap_mm
+        level = self.none + self.constraint.gap_level_mm(gap, pressure > 0)
+        return _PressureIterate(pressure, gap - level, level, step_length)
 
 
 def solve_pressure(
@@ -111,61 +111,49 @@ def solve_pressure(
     clear. start: a first guess that has the given load, best from the step before. A guess within the tolerance is kept; any other
     is improved to half the tolerance. Stops after `max_iterations` without an error: see the residual.
     """
-    none, gap = 0 * tolerance_mm, start.indentation_mm - overlap_mm
-    iterate = _subtract_gap_level(
-        _PressureIterate(start.pressure_mpa, gap, none, 0 * gap, none, gap != gap), constraint
-    )
+    none = 0 * tolerance_mm
+    problem = _PressureProblem(operators, constraint, overlap_mm, none)
+    iterate = problem.iterate(start.pressure_mpa, start.indentation_mm, start.step_length)
     residual = initial = _contact_violation_mm(iterate)
-    problem = _PressureProblem(operators, constraint, overlap_mm, tolerance_mm)
     iterations, unconverged = none, initial > tolerance_mm
     for count in range(max_iterations):
         if may_stop_after(count, unconverged) and not bool(unconverged.any()):
             break
-        iterate = _subtract_gap_level(_conjugate_gradient_step(iterate, problem, unconverged), constraint)
+        iterate = _projected_gradient_step(iterate, problem, unconverged, long=count % 2 == 0)
         residual = _contact_violation_mm(iterate)
         iterations = iterations + unconverged
         unconverged = unconverged & (residual > tolerance_mm / 2)
     indentation = iterate.gap_mm + (overlap_mm + iterate.depth_increase_mm)
-    deeper = iterate.depth_increase_mm + none
-    return PressureSolution(iterate.pressure_mpa, indentation, deeper, residual, initial, iterations)
+    deeper, step_length = iterate.depth_increase_mm, iterate.step_length
+    return PressureSolution(iterate.pressure_mpa, indentation, deeper, residual, initial, iterations, step_length)
 
 
-def _conjugate_gradient_step(
-    last: _PressureIterate, problem: _PressureProblem, unconverged: ContactFlags
+def _projected_gradient_step(
+    last: _PressureIterate, problem: _PressureProblem, unconverged: ContactFlags, long: bool
 ) -> _PressureIterate:
     """Return the next iterate of the contacts that have not converged; negative pressure is projected to zero.
 
-    The names correspond to the symbols of Polonsky and Keer: residual (r), search direction (d), its displacement (q = K d), step
-    length (α).
+    The step length (α) alternates between the longer and the shorter one of Barzilai and Borwein: with s the change of the pressure
+    and y that of the gap under pressure, α = s·s / s·y (long) or s·y / y·y (short).
     """
-    operators, constraint, gap = problem.operators, problem.constraint, last.gap_mm
-    active = last.pressed | (gap < 0)
+    constraint, gap, xp = problem.constraint, last.gap_mm, problem.operators.xp
+    active = (last.pressure_mpa > 0) | (gap < 0)
     residual = (gap - constraint.gap_level_mm(gap, active)) * active
-    squared_residual = sum_over_grid(residual * residual)
-    conjugate = sum_over_grid(active != last.active) == 0
-    direction = residual + conjugate * squared_residual / nonzero_divisor(last.squared_residual) * last.direction
-    displacement = operators.indentation_from_pressure_mm(direction)
-    curvature = nonzero_divisor(sum_over_grid(direction * displacement))
-    step_length = unconverged * sum_over_grid(residual * direction) / curvature
-    pressure = last.pressure_mpa - step_length * direction
-    gap = gap + last.depth_increase_mm - step_length * displacement
-    # In a batch some contact nearly always has negative pressure, and to ask would stop a device.
-    if pressure.ndim > 2 or bool((pressure < 0).any()):
-        pressure = constraint.scale_to_load(pressure * (pressure > 0))
-        gap = operators.indentation_from_pressure_mm(pressure) - problem.overlap_mm
-    return _PressureIterate(pressure, gap, last.depth_increase_mm, direction, squared_residual, active)
-
-
-def _subtract_gap_level(iterate: _PressureIterate, constraint: ContactConstraint) -> _PressureIterate:
-    """Return the iterate with its gaps measured from the level that the constraint gives."""
-    level = constraint.gap_level_mm(iterate.gap_mm, iterate.pressed)
-    gap = iterate.gap_mm - level
-    return _PressureIterate(
-        iterate.pressure_mpa, gap, level, iterate.direction, iterate.squared_residual, iterate.active
-    )
+    pressure = last.pressure_mpa - (unconverged * last.step_length) * residual
+    pressure = constraint.scale_to_load(xp.maximum(pressure, problem.none))
+    following = problem.iterate(pressure, problem.operators.indentation_from_pressure_mm(pressure), last.step_length)
+    pressure_change, gap_change = pressure - last.pressure_mpa, (following.gap_mm - gap) * active
+    curvature = sum_over_grid(pressure_change * gap_change)
+    if long:
+        ratio = sum_over_grid(pressure_change * pressure_change), curvature
+    else:
+        ratio = curvature, sum_over_grid(gap_change * gap_change)
+    step_length = xp.where(unconverged & (curvature > 0), ratio[0] / nonzero_divisor(ratio[1]), last.step_length)
+    return _PressureIterate(pressure, following.gap_mm, following.depth_increase_mm, step_length)
 
 
 def _contact_violation_mm(iterate: _PressureIterate) -> PerContact:
     """Return the largest violation of the conditions of contact, in mm."""
     # Under pressure a gap of either sign is a violation; elsewhere only an overlap is.
-    return max_over_grid(abs(iterate.gap_mm) * iterate.pressed - iterate.gap_mm * ~iterate.pressed)
+    gap, xp = iterate.gap_mm, array_namespace_of(iterate.gap_mm)
+    return max_over_grid(xp.maximum(gap * (iterate.pressure_mpa > 0), -gap))

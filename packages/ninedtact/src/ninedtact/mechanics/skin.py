@@ -4,8 +4,9 @@ grid or a part of it.
 Beyond the sensing area the grid is padded, so that what leaves on one side and enters on the other is too faint to
 matter: in an incompressible layer it falls off with a length of about the thickness (docs/mechanics.md has figures).
 
-On a part of the grid the transform is twice as large as the field and its kernel is cut from that of the whole grid. The part then
-yields exactly what the whole grid yields for tractions that are zero outside the part, and a small contact costs a small transform.
+On a part of the grid the transform is twice as large as the field along each axis, or that of the whole grid where this is smaller,
+and its kernel is cut from that of the whole grid. The part then yields exactly what the whole grid yields for tractions that are
+zero outside the part, and a small contact costs a small transform.
 """
 
 from dataclasses import dataclass, field
@@ -130,6 +131,8 @@ class DisplacementOperators:
     """The (rows, cols) of the transform."""
     field_shape: tuple[int, int]
     """The (rows, cols) of the fields."""
+    max_normal_compliance_mm_per_mpa: Any
+    """The largest compliance to pressure; for a batch of skins one for each, (batch, 1, 1)."""
     max_shear_compliance_mm_per_mpa: Any
     """The largest compliance to shear; for a batch of skins one for each, (batch, 1, 1, 1)."""
     inside: Any = None
@@ -142,13 +145,22 @@ class DisplacementOperators:
             return self
         symbols = (take_contacts(part, indices) for part in (self.normal, self.bulge, *self.tangential))
         normal, bulge, diagonal, crossed = symbols
-        rest = take_contacts(self.max_shear_compliance_mm_per_mpa, indices), take_contacts(self.inside, indices)
-        return DisplacementOperators(normal, bulge, (diagonal, crossed), self.shape, self.field_shape, *rest)
+        rest = self.max_normal_compliance_mm_per_mpa, self.max_shear_compliance_mm_per_mpa, self.inside
+        each = (take_contacts(one, indices) for one in rest)
+        return DisplacementOperators(normal, bulge, (diagonal, crossed), self.shape, self.field_shape, *each)
 
     @cached_property
     def xp(self) -> Any:
         """The array API namespace of the symbols."""
         return array_namespace_of(self.normal)
+
+    def first_step_lengths(self, none: Any) -> tuple[Any, Any]:
+        """Return the lengths of first gradient steps for pressure, (…, 1, 1), and shear, (…, 1, 1, 1), in MPa per mm.
+
+        They are four over the largest compliance. none: a zero for each contact, (…, 1, 1).
+        """
+        normal, shear = self.max_normal_compliance_mm_per_mpa, self.max_shear_compliance_mm_per_mpa
+        return none + 4 / normal, none[..., None] + 4 / shear
 
     def indentation_from_pressure_mm(self, pressure: ScalarField) -> ScalarField:
         """Return the inward displacement −u_z by pressure, in mm."""
@@ -178,7 +190,10 @@ class DisplacementOperators:
     def _apply_tangential_block(self, wave: Any) -> Any:
         """Return the product with the 2 × 2 block L e eᵀ + S (1 − e eᵀ) in Fourier space."""
         diagonal, crossed = self.tangential
-        return wave * diagonal + self.xp.flip(wave, axis=-3) * crossed
+        product = wave * diagonal
+        product[..., 0, :, :] += wave[..., 1, :, :] * crossed
+        product[..., 1, :, :] += wave[..., 0, :, :] * crossed
+        return product
 
     def _to_waves(self, field: Any) -> Any:
         """Return the zero-padded transform of a field."""
@@ -252,16 +267,26 @@ class Skin:
         """The compliance at every wave of the grid."""
         return self.compliance_of(np.hypot(*self.grid.wave_vectors), self.gel)
 
-    def interface_height_mm(self, pressure: ScalarField, shear: VectorField) -> ScalarField:
-        """Return the displacement of the gel's bottom along z under tractions on the skin, in mm; zero on a rigid base."""
-        if self.gel.has_rigid_base:
-            return 0 * pressure
-        from_pressure, *from_shear = (
+    @cached_property
+    def _interface_arrays(self) -> tuple[Any, Any]:
+        """The factors of the transform of pressure and, (2 entries), of that of shear, in the arrays of this skin."""
+        pressure, *shear = (
             self.asarray(symbol.real) + 1j * self.asarray(symbol.imag) for symbol in self.interface_symbols
         )
+        return pressure, array_namespace_of(pressure).stack(shear)
+
+    def interface_height_mm(self, pressure: ScalarField, shear: VectorField | None = None) -> ScalarField:
+        """Return the displacement of the gel's bottom along z under tractions on the skin, in mm; zero on a rigid base.
+
+        shear: None for pressure alone.
+        """
+        if self.gel.has_rigid_base:
+            return 0 * pressure
+        from_pressure, from_shear = self._interface_arrays
         wave = forward_transform(pressure, self.grid.shape) * from_pressure
-        for axis, symbol in enumerate(from_shear):
-            wave = wave + forward_transform(shear[..., axis, :, :], self.grid.shape) * symbol
+        if shear is not None:
+            sheared = forward_transform(shear, self.grid.shape) * from_shear
+            wave = wave + sheared[..., 0, :, :] + sheared[..., 1, :, :]
         return inverse_transform(wave, self.grid.shape, self.grid.shape)
 
     @cached_property
@@ -282,7 +307,7 @@ class Skin:
         """Build the operators on a part of this many points from the kernels of the whole grid."""
         from scipy.fft import next_fast_len
 
-        shape = next_fast_len(2 * rows - 1), 2 * next_fast_len(cols)
+        shape = min(next_fast_len(2 * rows - 1), self.grid.rows), min(2 * next_fast_len(cols), self.grid.cols)
         waves = {
             name: np.fft.rfft2(_crop_kernel(kernel, (rows, cols), shape)) for name, kernel in self._kernels.items()
         }
@@ -307,8 +332,11 @@ class Skin:
         part = {name: self.asarray(symbol) + 0j for name, symbol in symbols.items()}
         stack = array_namespace_of(part["normal"]).stack
         bulge, diagonal = 1j * stack((part["bulge_x"], part["bulge_y"])), stack((part["xx"], part["yy"]))
-        softest = float(array_namespace_of(diagonal).max(abs(diagonal)))
-        return DisplacementOperators(part["normal"], bulge, (diagonal, part["xy"]), shape, field_shape, softest)
+        softest = (
+            float(np.abs(symbols["normal"]).max()),
+            float(max(np.abs(symbols[name]).max() for name in ("xx", "yy"))),
+        )
+        return DisplacementOperators(part["normal"], bulge, (diagonal, part["xy"]), shape, field_shape, *softest)
 
 
 def gel_skin(grid: PeriodicGrid, gel: Gel, like: Any = None) -> Skin:
@@ -322,5 +350,7 @@ def _crop_kernel(
     """Return a periodic kernel at offsets up to `reach` cells, laid out for a transform of another shape."""
     offsets = [np.arange(1 - cells, cells) for cells in reach]
     cut = np.zeros(shape)
-    cut[np.ix_(offsets[0] % shape[0], offsets[1] % shape[1])] = kernel[np.ix_(*offsets)]
+    cut[np.ix_(offsets[0] % shape[0], offsets[1] % shape[1])] = kernel[
+        np.ix_(offsets[0] % kernel.shape[0], offsets[1] % kernel.shape[1])
+    ]
     return cut

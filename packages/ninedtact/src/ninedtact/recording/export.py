@@ -1,11 +1,9 @@
 """Exports a recording to separate files: images, CSV tables, heights, and the folder of the sensor."""
 
-import csv
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,8 @@ import cv2
 import numpy as np
 
 from ninedtact.atomic_write import create_folder_atomically, write_file_atomically
-from ninedtact.errors import OutputError, printable_text
+from ninedtact.csv_table import to_csv
+from ninedtact.errors import OutputError
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import SENSOR_FOLDER, Recording
 from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
@@ -159,19 +158,10 @@ def _times_of(recording: Recording, stamp_ns: int) -> tuple[float, int, int]:
 
 
 def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:
-    all_rows, text = list(rows), StringIO()
-    csv.writer(text).writerows([list(header), *(map(csv_cell, row) for row in all_rows)])
+    all_rows = list(rows)
     if all_rows:
-        write_file_atomically(path, text.getvalue().encode())
+        write_file_atomically(path, to_csv(header, all_rows))
     return len(all_rows)
-
-
-def csv_cell(value: Any) -> Any:
-    """Return a value for a table; text that a spreadsheet would compute as a formula gets an apostrophe before it."""
-    if not isinstance(value, str):
-        return value
-    text = printable_text(value)
-    return f"'{text}" if text.lstrip().startswith(("=", "+", "-", "@")) else text
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:

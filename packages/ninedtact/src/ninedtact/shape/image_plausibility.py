@@ -152,7 +152,7 @@ def _has_same_structure(now: _Cells, then: _Cells, seen: Bool[Array, "rows cols"
     return spread <= _MAX_SPREAD and _STRUCTURE_RANGE[0] <= slope <= _STRUCTURE_RANGE[1]
 
 
-def border_spread(image: Rectified, reference: Rectified) -> float:
+def border_light_unevenness(image: Rectified, reference: Rectified) -> float:
     """Return how much the light along the border of the view changed unevenly, as a fraction; all of the view shows skin."""
     now, then = (_shrink(one.grey) for one in (image, reference))
     return _border_spread(now / np.maximum(then, np.float32(1)), np.ones(now.shape, bool))

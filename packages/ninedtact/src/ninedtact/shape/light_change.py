@@ -1,11 +1,12 @@
 """What changed in the light between an image and its reference image, measured on skin that does not move, and taken out.
 
-    ratio of image to reference ──▶ bands of a rolling shutter ──▶ gain and gamma ──▶ dirt ──▶ corrected image, LightChange
+    ratio of image to reference ──▶ bands of a rolling shutter ──▶ gradient ──▶ gain and gamma ──▶ dirt ──▶ corrected image
 
 A dimmed LED under a rolling shutter puts *bands* on the raw rows: one profile over the whole width, periodic over the whole height,
-which no contact makes unless it covers the view. *Gain* is the median of the ratio, and *gamma* the slope of log brightness, over
-skin where the ratio is flat. Gel keeps its volume: what a wide press displaces rises elsewhere and brightens the median by a
-hundredth and more, which is no change of the light. *Dirt* (`dirt`) is replaced by its surroundings.
+which no contact makes unless it covers the view. A *gradient* (`light_gradient`) is smooth over the view. *Gain* is the median of
+the ratio, and *gamma* the slope of log brightness, over skin where the ratio is flat. Gel keeps its volume: what a wide press
+displaces rises elsewhere and brightens the median by a hundredth and more, which is no change of the light. *Dirt* (`dirt`) is
+replaced by its surroundings.
 
 An image whose light has not changed is returned as it is. What is smaller than the dead zones below is not taken out, so that the
 same press gives the same answer in steady light.
@@ -15,7 +16,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy import ndarray as Array
@@ -24,6 +24,7 @@ from ninedtact.quantities import EstimateWarning, HeightSource, Rectified
 from ninedtact.shape.deblurring import block_means
 from ninedtact.shape.dirt import MIN_DIRT_CONTRAST, Cells, Grey, replace_dirt
 from ninedtact.shape.lens_and_rectification import Rectification
+from ninedtact.shape.light_gradient import LightGradient, find_flat_skin, find_light_gradient
 
 _CELL_PX = 8
 """Side of the cells on which gain and bands are measured, rectified pixels."""
@@ -88,6 +89,7 @@ class LightChange:
     gamma: float = 1.0
     """Exponent that was taken out together with the gain, one where none was."""
     bands: LightBands | None = None
+    gradient: LightGradient | None = None
     dirt_spots: int = 0
     """Number of spots that gel cannot make; they are replaced by their surroundings."""
     dirt_mm2: float = 0.0
@@ -99,18 +101,25 @@ class LightChange:
     def warnings(self) -> tuple[EstimateWarning, ...]:
         """The changes of the light of which a reader should know."""
         found = {
-            EstimateWarning.LIGHT_CHANGED: abs(self.gain - 1) >= _REPORTED_GAIN_CHANGE
-            or (not self.is_level_known and abs(self.level - 1) >= 3 * _REPORTED_GAIN_CHANGE),
+            EstimateWarning.LIGHT_CHANGED: self._has_level_changed
+            or (self.gradient is not None and self.gradient.amplitude >= _REPORTED_GAIN_CHANGE),
             EstimateWarning.LIGHT_BANDED: self.bands is not None,
             EstimateWarning.DIRT: self.dirt_spots > 0,
         }
         return tuple(warning for warning, holds in found.items() if holds)
 
     @property
+    def _has_level_changed(self) -> bool:
+        is_unknown = not self.is_level_known and abs(self.level - 1) >= 3 * _REPORTED_GAIN_CHANGE
+        return abs(self.gain - 1) >= _REPORTED_GAIN_CHANGE or is_unknown
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """The same in words, with figures."""
         found = []
-        if EstimateWarning.LIGHT_CHANGED in self.warnings:
+        if self.gradient is not None:
+            found.append(f"the light has changed unevenly, by ±{self.gradient.amplitude:.1%} over the view: taken out")
+        if self._has_level_changed:
             done = "taken out" if self.gain != 1 else "not taken out, because hardly any skin is flat"
             gamma = f", gamma {self.gamma:.2f}" if self.gamma != 1 else ""
             side = "brighter" if self.level > 1 else "dimmer"
@@ -128,9 +137,9 @@ class LightChange:
 
     def restore(self, grey: Grey) -> Grey:
         """Return a corrected image in its own light again, without bands and dirt."""
-        if self.gain == 1 and self.gamma == 1:
-            return grey
-        return _apply_gain(grey, self.gain, self.gamma)
+        if self.gain != 1 or self.gamma != 1:
+            grey = _apply_gain(grey, self.gain, self.gamma)
+        return grey if self.gradient is None else grey * self.gradient.factor(grey.shape)
 
 
 def _apply_gain(grey: Grey, gain: float, gamma: float) -> Grey:
@@ -165,8 +174,13 @@ class LightCorrection:
         if bands is not None:
             grey = grey / bands.factor[self._lines(bands.along_rows)]
             ratio = block_means(grey, _CELL_PX) / self._reference_on_cells(reference)
-            seen = ratio[self._seen]
-            level = _median(seen)
+            level = _median(ratio[self._seen])
+        gradient = find_light_gradient(ratio / np.float32(level), self._seen, _flat_per_cell(reference))
+        if gradient is not None:
+            grey = grey / gradient.factor(grey.shape)
+            ratio = ratio / gradient.factor(ratio.shape)
+            level = _median(ratio[self._seen])
+        seen = ratio[self._seen]
         gain, gamma, is_known = self._find_gain(ratio, level, reference)
         if (gain, gamma) != (1.0, 1.0):
             grey = (
@@ -176,7 +190,7 @@ class LightCorrection:
         if seen.max() - seen.min() > MIN_DIRT_CONTRAST / 4:
             grey, spots, area_px = replace_dirt(grey, reference.grey)
             area_mm2 = area_px * image.mm_per_px**2
-        change = LightChange(level, gain, gamma, bands, spots, area_mm2, is_known)
+        change = LightChange(level, gain, gamma, bands, gradient, spots, area_mm2, is_known)
         return (image if grey is image.grey else Rectified(grey, image.mm_per_px, image.stamp_ns)), change
 
     def _reference_on_cells(self, reference: Rectified) -> Cells:
@@ -196,9 +210,7 @@ class LightCorrection:
         """Return gain and gamma of the skin that does not move, ones where they hardly changed, and whether they are known."""
         if abs(level - 1) < self._least_gain_change(ratio, level):
             return 1.0, 1.0, True
-        smooth = cv2.GaussianBlur(ratio / np.float32(level), (0, 0), 1.5)
-        down, across = np.gradient(smooth)
-        flat = self._seen & (np.hypot(down, across) < _FLAT_PER_MM * _CELL_PX * reference.mm_per_px)
+        flat = find_flat_skin(ratio / np.float32(level), self._seen, _flat_per_cell(reference))
         if flat.sum() < _MIN_FLAT_SHARE * self._seen.sum():
             return 1.0, 1.0, False
         spread = float(ratio[flat].std()) / level
@@ -264,6 +276,10 @@ class LightCorrection:
     @cached_property
     def _raw_cols(self) -> Int[Array, "rows cols"]:
         return np.clip(np.rint(self.rectify.source_px[..., 0]), 0, self.rectify.raw_shape[1] - 1).astype(np.intp)
+
+
+def _flat_per_cell(reference: Rectified) -> float:
+    return _FLAT_PER_MM * _CELL_PX * reference.mm_per_px
 
 
 @dataclass(frozen=True)

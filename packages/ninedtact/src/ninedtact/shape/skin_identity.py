@@ -18,6 +18,7 @@ from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.quantities import BgrImage
+from ninedtact.robust_noise import noise_by_second_differences, robust_std
 from ninedtact.shape.lens_and_rectification import to_grey_float
 
 Field = Float32[Array, "down across"]
@@ -86,9 +87,8 @@ def structure_similarity(earlier: Field, later: Field) -> float:
 
 def skin_texture_contrast(earlier: Field, later: Field) -> float:
     """Return the contrast of the fine structure of the earlier of two images, the median over its tiles, corrected for noise."""
-    second = np.abs(np.diff(later - earlier, n=2, axis=1))
-    # 0.6745 and √6 as in `estimate_pixel_noise`; √2 because the difference contains the noise of two images.
-    noise = _BAND_NOISE * float(np.median(second)) / 0.6745 / np.sqrt(6) / np.sqrt(2)
+    # √2 because the difference contains the noise of two images.
+    noise = _BAND_NOISE * noise_by_second_differences(later - earlier, axis=1) / np.sqrt(2)
     strength = float(np.median([tile.std() for tile in split_into_tiles(fine_structure(earlier))]))
     return float(np.sqrt(max(strength**2 - noise**2, 0.0)))
 
@@ -167,7 +167,7 @@ def _normal_equations(earlier: Field, later: Field) -> tuple[Float[Array, "tiles
     y, x = (np.indices(earlier.shape) - (np.array(earlier.shape)[:, None, None] - 1) / 2) / (earlier.shape[1] / 2)
     lacking = earlier - later
     terms = np.stack([right, down, x * down - y * right, lacking], axis=-1)
-    spread = np.median(np.abs(lacking)) / 0.6745
+    spread = robust_std(lacking)
     weight = 1 / (1 + (lacking / (_HALF_WEIGHT_STDS * spread + 1e-9)) ** 2)
     weighted = split_into_tiles(weight[..., None] * terms[..., :3])
     sums = np.array(

@@ -367,6 +367,7 @@ def _weighted_centre_mm(
     total = weight.sum(dtype=np.float64)
     if total == 0:
         return None
-    (u, v), cols = height.axes_mm, height.z_mm.shape[1]
-    moment = weight.astype(np.float64) * (1 + height.z_mm.ravel()[at] / height.camera_distance_mm)
-    return float(moment @ u[at % cols] / total), float(moment @ v[at // cols] / total)
+    x_mm, y_mm, _ = (
+        weight.astype(np.float64) @ height.points_at(*np.divmod(at, height.z_mm.shape[1])) / total
+    ).tolist()
+    return x_mm, y_mm

@@ -21,7 +21,7 @@ CALIBRATION_SOLVER_SETTINGS = SolverSettings(tolerance=5e-3)
 
 
 @dataclass(frozen=True)
-class CalibrationPressSettings:
+class HandPressImperfections:
     """How a person presses pin board and ball. Presses by hand are never exactly vertical: boards tilt, and balls are dragged."""
 
     board_depth_mm: float = 0.7
@@ -32,14 +32,14 @@ class CalibrationPressSettings:
     exposure_drift: float = 0.0
     """Relative exposure of the pressed images over that of their reference images, less one."""
 
-    def for_gel(self, gel: Gel) -> "CalibrationPressSettings":
+    def for_gel(self, gel: Gel) -> "HandPressImperfections":
         """Return the presses for a gel; one that is thinner than the published gel is pressed proportionally less deep."""
         factor = min(1.0, gel.thickness_mm / SensorDesign().gel.thickness_mm)
         return replace(self, board_depth_mm=self.board_depth_mm * factor, ball_depth_mm=self.ball_depth_mm * factor)
 
 
-DEFAULT_PRESSES = CalibrationPressSettings()
-GUIDED_PRESSES = CalibrationPressSettings(board_depth_mm=GUIDED_BOARD_MM)
+DEFAULT_PRESSES = HandPressImperfections()
+GUIDED_PRESSES = HandPressImperfections(board_depth_mm=GUIDED_BOARD_MM)
 """The presses of a guided calibration."""
 
 
@@ -57,7 +57,7 @@ def simulate_calibration_images(
     twin: Twin,
     design: SensorDesign = SensorDesign(),
     first_number: int = 0,
-    presses: CalibrationPressSettings = DEFAULT_PRESSES,
+    presses: HandPressImperfections = DEFAULT_PRESSES,
     frames: int = 1,
 ) -> SimulatedCalibrationImages:
     """Return the four calibration images of a twin.

@@ -83,17 +83,17 @@ class SimulatedHand:
         with self._lock:
             self._indenter, self._refusal = None, ""
 
-    def step(self, twin: Twin, last: Press, indenter: Indenter) -> Press:
-        """Return the press one step nearer to the target; the last one where the twin refuses the step."""
+    def step(self, twin: Twin, last: Press, indenter: Indenter, after_s: float = 0.0) -> Press:
+        """Return the press one step nearer to the target, after some time; the last one where the twin refuses the step."""
         target, refusal = self.target, ""
         lifted = target.load_n is not None and target.load_n < _LIGHTEST_N
         deep_mm = -HOVER_MM if lifted else target.pose.depth_mm
         wanted = replace(target.pose, depth_mm=deep_mm)
         try:
             if target.load_n is None or lifted:
-                press = twin.press(last, indenter, _approach(last.pose, wanted))
+                press = twin.press(last, indenter, _approach(last.pose, wanted), after_s=after_s)
             else:
-                press = _step_to_load(twin, last, indenter, wanted, target.load_n)
+                press = _step_to_load(twin, last, indenter, wanted, target.load_n, after_s)
         except NinedtactError as trouble:
             press, refusal = last, str(trouble)
         with self._lock:
@@ -105,7 +105,7 @@ class SimulatedHand:
         return twin.hover(indenter, replace(self.target.pose, depth_mm=-HOVER_MM))
 
 
-def _step_to_load(twin: Twin, last: Press, indenter: Indenter, wanted: Pose, load_n: float) -> Press:
+def _step_to_load(twin: Twin, last: Press, indenter: Indenter, wanted: Pose, load_n: float, after_s: float) -> Press:
     """Return the press under a load that is one step nearer to the wanted one; without contact the object comes down first."""
     if not last.touches:
         return twin.press(
@@ -113,7 +113,7 @@ def _step_to_load(twin: Twin, last: Press, indenter: Indenter, wanted: Pose, loa
         )
     next_n = last.load_n + float(np.clip(load_n - last.load_n, -STEP_LOAD_N, STEP_LOAD_N))
     pose = _approach(last.pose, replace(wanted, depth_mm=last.pose.depth_mm))
-    return twin.press(last, indenter, pose, max(next_n, _LIGHTEST_N))
+    return twin.press(last, indenter, pose, max(next_n, _LIGHTEST_N), after_s=after_s)
 
 
 def _approach(last: Pose, wanted: Pose) -> Pose:

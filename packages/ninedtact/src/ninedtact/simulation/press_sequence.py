@@ -230,12 +230,16 @@ class PressSequence:
         if held is not None:
             continues = newest >= 0 and before == grasp
             last = self.presses[newest] if continues else self.hand.hover(self.twin, held)
-            return self.hand.step(self.twin, last, held)
+            return self.hand.step(self.twin, last, held, (step - newest) / self.hz if continues else 0.0)
         number, within_s = self.trajectory_at(step / self.hz)
         continues = newest >= 0 and before == 0 and self.trajectory_at(newest / self.hz)[0] == number
         item = self.trajectories[number % len(self.trajectories)]
+        after_s = (step - newest) / self.hz if continues else 0.0
         return self.twin.press(
-            self.presses[newest] if continues else None, item.indenter, item.trajectory.pose_at(within_s)
+            self.presses[newest] if continues else None,
+            item.indenter,
+            item.trajectory.pose_at(within_s),
+            after_s=after_s,
         )
 
     def trajectory_at(self, at_s: float) -> tuple[int, float]:

@@ -60,7 +60,8 @@ class CameraNoise:
     def add_to(self, image: Float32[Array, "rows cols 3"], number: int) -> UInt8[Array, "rows cols 3"]:
         """Return the 8-bit image with the noise of this frame number."""
         rows, cols = self.shape
-        down, right = (number * step % NOISE_MARGIN_PX for step in (17, 31))
+        turn = number // NOISE_MARGIN_PX
+        down, right = (step % NOISE_MARGIN_PX for step in (number * 17, (number + turn) * 31))
         cut = self._samples[down : down + rows, right : right + cols]
         return np.asarray(cv2.add(image, cv2.merge([cut, cut, cut]), dtype=cv2.CV_8U))
 

@@ -129,6 +129,8 @@ class ScriptedPress:
     twist_rad: float = 0.0
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     """Tilts about x and y, which the object has from the beginning."""
+    hold_s: float = 0.0
+    """Time for which the object is held at the end, while the gel relaxes."""
 
     def __post_init__(self) -> None:
         if (self.depth_mm is None) == (self.load_n is None):
@@ -137,6 +139,8 @@ class ScriptedPress:
         wanted, unit = (self.depth_mm, "mm deep") if self.load_n is None else (self.load_n, "N")
         if not 0 < (wanted or 0.0) < np.inf:
             raise InputError(expected="a press above zero", got=f"{wanted:g} {unit}", remedy="press the skin")
+        if not 0 <= self.hold_s < np.inf:
+            raise InputError(expected="a time to hold of zero or more", got=f"{self.hold_s:g} s", remedy="give another")
 
     def poses(self) -> Iterator[Pose]:
         """Yield all poses; those of a press to a load have depth zero, which `simulate` replaces."""
@@ -164,6 +168,8 @@ class ScriptedPress:
         for pose in self.poses():
             deeper = pose if self.load_n is None else replace(pose, depth_mm=press.pose.depth_mm)
             press = twin.press(press, indenter, deeper, self.load_n)
+        if self.hold_s:
+            press = twin.press(press, indenter, press.pose, self.load_n, after_s=self.hold_s)
         return press.corrected
 
     def _require_within_gel(self, twin: Twin) -> None:

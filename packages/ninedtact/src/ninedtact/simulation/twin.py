@@ -27,6 +27,7 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, array_namespace_of, sum_over_grid, to_numpy
 from ninedtact.mechanics.pose import Pose
+from ninedtact.mechanics.relaxation import GelMemory, relax_tractions
 from ninedtact.mechanics.skin import Skin, padded_grid
 from ninedtact.quantities import Wrench
 from ninedtact.simulation.gel_brightness import (
@@ -68,8 +69,10 @@ class Press:
     solved: Contact
     """The contact of the linear layer, from which the next press continues."""
     corrected: Contact
-    """The contact as the gel acts: the same where the gel is linear."""
+    """The contact as the gel acts: the same where the gel is linear and has not relaxed."""
     indenter: Indenter
+    memory: GelMemory | None = None
+    """What the gel remembers of a single contact in the course of time; None where no time has passed."""
 
     @property
     def pose(self) -> Pose:
@@ -109,8 +112,8 @@ class Press:
 
     @property
     def stiffening(self) -> ScalarPerContact:
-        """The ratio of the load of the gel as it acts to that of the linear layer; one without contact."""
-        return _drop_array(self._numbers[..., 9])
+        """The ratio of the load of the gel, before it relaxes, to that of the linear layer; one without contact."""
+        return _drop_array(self._numbers[..., 9] / self.corrected.left)
 
     @property
     def slip_share(self) -> float | None:
@@ -131,10 +134,18 @@ class Press:
         six = to_numpy(self.corrected.wrenches()) if solved.pose.batch_shape else self.corrected.wrench().six
         return np.concatenate([six, to_numpy(linear_n)[..., 0], each], axis=-1)
 
+    def relax(self, memory: GelMemory, after_s: float) -> "Press":
+        """Return a single elastic press of a gel that remembers this of the time before, after some time."""
+        memory = memory.after(after_s, float(self.load_n))
+        return replace(
+            self, corrected=relax_tractions(self.corrected, memory.left_of(float(self.load_n))), memory=memory
+        )
+
     def on_skin(self, skin: Skin) -> "Press":
         """Return the press with its contacts in the array library and on the device of this skin."""
         solved = self.solved.on_skin(skin)
-        press = Press(solved, solved if self.corrected is self.solved else self.corrected.on_skin(skin), self.indenter)
+        corrected = solved if self.corrected is self.solved else self.corrected.on_skin(skin)
+        press = Press(solved, corrected, self.indenter, self.memory)
         vars(press)["_numbers"] = self._numbers
         return press
 
@@ -203,22 +214,33 @@ class Twin:
         load_n: ScalarPerContact | None = None,
         *,
         is_linear_load: bool = False,
+        after_s: float = 0.0,
     ) -> Press:
         """Return the press after the object has moved to a pose, or to a load near that pose; this is the only way to press a twin.
 
         last: the press before, None for undeformed skin. load_n: the load of the gel as it acts, to `LOAD_TOLERANCE`; with
-        `is_linear_load` that of the linear layer, which is solved once. A pose with arrays in it is a batch.
+        `is_linear_load` that of the linear layer, which is solved once. A pose with arrays in it is a batch. after_s: time since
+        the press before, in which the gel relaxes (`mechanics.relaxation`); for single presses.
 
         Raises `PoseOutOfView`, `ContactLeavesGel`, and what `ContactModel` raises.
         """
         self.require_in_view(pose)
         before = self.model.initial_contact() if last is None else last.solved
+        memory = self._memory_of(last, after_s)
         if load_n is None or is_linear_load:
             press = self.finish_press(self._solve(before, indenter, pose, load_n), indenter)
         else:
-            press = self._press_to_load(last, before, indenter, pose, load_n)
+            elastic_n = load_n if memory is None else memory.elastic_load_n(float(load_n), after_s)
+            press = self._press_to_load(last, before, indenter, pose, elastic_n)
         require_gel_left(self.gel, least_gel_mm(press.corrected))
-        return press
+        return press if memory is None else press.relax(memory, after_s)
+
+    def _memory_of(self, last: Press | None, after_s: float) -> GelMemory | None:
+        """Return what the gel remembers at the last press; None where it does not relax."""
+        memory = None if last is None or not last.touches else last.memory
+        if memory is not None or after_s == 0 or not self.gel.relaxing_shares:
+            return memory
+        return GelMemory.of_new_contact(self.gel)
 
     def _press_to_load(
         self, last: Press | None, before: Contact, indenter: Indenter, pose: Pose, load_n: ScalarPerContact
@@ -246,7 +268,7 @@ class Twin:
         if not self.gel.finite_strain or known is None or not known.touches:
             return load_n
         linear_n = np.maximum(known.linear_load_n, 1e-12)
-        growth_per_n = (known.load_n / linear_n - 1) / linear_n
+        growth_per_n = (known.stiffening - 1) / linear_n
         found = 2 * np.asarray(load_n) / (1 + np.sqrt(np.maximum(1 + 4 * growth_per_n * load_n, 0.0)))
         return _drop_array(np.where(np.asarray(known.linear_load_n) > 0, found, load_n))
 

@@ -8,7 +8,7 @@ wrenches within a hundredth of the load.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -75,13 +75,15 @@ class TwinBatch:
     _frames: int = field(default=0, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        import torch
-
         if not self.indenters:
             raise InputError(expected="at least one environment", got="none", remedy="give an object for each")
-        self.twin = replace(
-            self.twin, like=torch.zeros((), dtype=torch.float32, device=self.device), solver_settings=_SOLVER_SETTINGS
-        )
+        if not isinstance(self.twin, Twin):
+            raise InputError(
+                expected="one twin for all environments",
+                got=f"an object of type {type(self.twin).__name__}",
+                remedy="give a batch to each design",
+            )
+        self.twin = replace(self.twin, like=_zero_on(self.device), solver_settings=_SOLVER_SETTINGS)
         first, same = self.indenters[0], all(one is self.indenters[0] for one in self.indenters)
         self._indenter = first if same else DeviceHeightGrids(self.twin.like).batch(self.indenters)
         self.refused = np.zeros(self.count, bool)
@@ -96,23 +98,30 @@ class TwinBatch:
         return len(self.indenters)
 
     def reset(self, environments: Int[Array, " some"]) -> None:
-        """Lift the objects of these environments off, so that their skin is undeformed and friction forgets."""
-        kept = np.ones(self.count, bool)
-        kept[np.asarray(environments)] = False
-        self._last = self._without(self._last, ~kept)
+        """Lift the objects of these environments off: their skin is undeformed, friction forgets. Raises `InputError`."""
+        numbers = np.atleast_1d(np.asarray(environments, int))
+        lifted = np.isin(np.arange(self.count), numbers)
+        if not np.isin(numbers, np.arange(self.count)).all():
+            raise InputError(
+                expected=f"numbers of environments from 0 to {self.count - 1}",
+                got=f"{numbers.tolist()}",
+                remedy="correct them",
+            )
+        self._last = self._without(self._last, lifted)
 
     def step(self, poses: 'Float[Tensor, "batch 6"]', loads_n: 'Float[Tensor, " batch"] | None' = None) -> Press:
         """Return the presses after all objects have moved to these poses, or to these loads near them.
 
-        poses: x, y, depth in mm, twist, tilt about x and about y in rad, as `Pose`, on any device. loads_n: of the linear layer;
-        the depths are first guesses then. Refused environments are undeformed skin in the result, see `refused`. Raises
-        `InputError` for poses of another shape, not finite, or loads that do not press.
+        poses: x, y, depth in mm, twist, tilt about x and about y in rad, as `Pose`; of any library with DLPack, on any device.
+        loads_n: of the linear layer; the depths are first guesses then. Refused environments are undeformed skin in the result, see
+        `refused`. Raises `InputError` for poses of another shape, not finite, or loads that do not press.
         """
         import torch
 
-        pose, constraint = self._checked_pose(poses), ContactConstraint()
+        each = self._checked(poses, (self.count, 6), "poses (x, y, depth, twist and two tilts of each)")
+        pose, constraint = Pose(*np.ascontiguousarray(each.T)), ContactConstraint()
         if loads_n is not None:
-            wanted_n = to_numpy(loads_n)
+            wanted_n = self._checked(loads_n, (self.count,), "loads")
             require_positive_load(wanted_n)
             sums = wanted_n[:, None, None] / self.twin.model.skin.grid.cell_area_mm2
             constraint = ContactConstraint(self.twin.model.skin.asarray(sums))
@@ -165,15 +174,22 @@ class TwinBatch:
         grey = cv2.cvtColor(self._renderer.renderer.reference, cv2.COLOR_BGR2GRAY)
         return torch.from_numpy(grey).to(self.device)
 
-    def _checked_pose(self, poses: 'Float[Tensor, "batch 6"]') -> Pose:
-        """Return the poses as one of a batch; raises `InputError`."""
-        if tuple(poses.shape) != (self.count, 6):
+    def _checked(self, values: Any, shape: tuple[int, ...], what: str) -> Float64[Array, "..."]:
+        """Return numbers of each environment on the processor; raises `InputError` for another shape or what is not finite."""
+        import torch
+
+        dlpack = hasattr(values, "__dlpack__") and not isinstance(values, torch.Tensor | np.ndarray)
+        tensor = torch.utils.dlpack.from_dlpack(values) if dlpack else torch.as_tensor(values, dtype=torch.float64)
+        numbers = to_numpy(tensor.detach())
+        bad = "" if numbers.shape == shape else f"shape {numbers.shape}"
+        if not bad and not np.isfinite(numbers).all():
+            finite = np.isfinite(numbers).reshape(self.count, -1).all(axis=1)
+            bad = f"some that are not, of environments {np.flatnonzero(~finite).tolist()}"
+        if bad:
             raise InputError(
-                expected=f"poses of {self.count} environments, ({self.count}, 6)",
-                got=f"{tuple(poses.shape)}",
-                remedy="give x, y, depth, twist and two tilts of each",
+                expected=f"finite {what} of shape {shape}", got=bad, remedy="correct them; nothing was stepped"
             )
-        return Pose(*np.ascontiguousarray(to_numpy(poses).T))
+        return numbers
 
     def _region(self, overlap_mm: ScalarField) -> SharedActiveRectangle:
         """Return a region in which all objects can touch; it never shrinks, so that few sizes occur."""
@@ -198,6 +214,20 @@ class TwinBatch:
             for name in _FIELDS
         }
         return replace(contact, **values)
+
+
+def _zero_on(device: str) -> "Tensor":
+    """Return a zero in single precision on a device of torch; raises `InputError` where torch has no such device."""
+    import torch
+
+    try:
+        return torch.zeros((), dtype=torch.float32, device=device)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(
+            expected="a device of torch with free memory, as 'cpu' or 'cuda'",
+            got=f"{device!r} ({str(error).splitlines()[0]})",
+            remedy="give another, or a torch that is built for the GPU and its driver",
+        ) from error
 
 
 _FIELDS = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")

@@ -76,7 +76,7 @@ def decode_page_message(message: str | bytes) -> msgspec.Struct | None:
     return content
 
 
-class UploadTest:
+class OneUploadPerClient:
     """Lets one client upload one file at a time, so that it costs one file of memory."""
 
     def __init__(self) -> None:

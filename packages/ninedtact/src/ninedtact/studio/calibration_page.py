@@ -16,7 +16,7 @@ from ninedtact.calibration.certificate.checks import (
     overall_check_level,
     uses_in_words,
 )
-from ninedtact.calibration.save import CERTIFICATE_FILE, kept_old_calibration_notices
+from ninedtact.calibration.save import CERTIFICATE_FILE, failed_calibration_notices
 from ninedtact.calibration.sensor_toml_schema import Certificate
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, CalibrationState
@@ -198,7 +198,7 @@ def calibration_result_html(state: CalibrationState, out: Path) -> str:
         )
         for check in compute_certificate_checks(certificate)
     ]
-    warnings = (*kept_old_calibration_notices(out, state.result), *certificate.warnings)
+    warnings = (*failed_calibration_notices(out, state.result), *certificate.warnings)
     return card_html("calibration_result", path=state.result.path, warnings=warnings, checks=checks)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from viser import GuiEvent, Icon
 
 from ninedtact.calibration.force_calibration import weight_of_grams_n
-from ninedtact.calibration.known_load_fit import KnownLoadFit
+from ninedtact.calibration.gel_fit_to_known_loads import KnownLoadFit
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.source_addresses import is_twin_address
 from ninedtact.studio.force_calibration_session import (

@@ -19,6 +19,7 @@ from ninedtact.calibration.force_calibration import (
     PressImage,
     weight_of_grams_n,
 )
+from ninedtact.calibration.gel_fit_to_known_loads import ForceScaleImpossible, KnownLoadFit, KnownLoadPress
 from ninedtact.calibration.guidance import (
     STILL,
     CalibrationStepAdvice,
@@ -26,7 +27,6 @@ from ninedtact.calibration.guidance import (
     make_still_press_watcher,
     make_untouched_skin_watcher,
 )
-from ninedtact.calibration.known_load_fit import ForceScaleImpossible, KnownLoadFit, KnownLoadPress
 from ninedtact.errors import NinedtactError
 from ninedtact.force.estimator_and_scale import WIDEST_FACTOR
 from ninedtact.quantities import BgrImage, Frame

@@ -18,6 +18,7 @@ from ninedtact.live.wrench_history import WrenchSourceSnapshot, WrenchWithUncert
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.surface import ShapeSummary
+from ninedtact.studio.followed_object import FollowedObject, ObjectPath
 from ninedtact.studio.page_controller import SensorStatusMessage
 from ninedtact.studio.page_server import standalone_scene_html
 from ninedtact.studio.reading_view import (
@@ -31,13 +32,15 @@ from ninedtact.studio.reading_view import (
 from ninedtact.studio.scene_3d import (
     ARC_DEG_PER_NMM,
     MM_PER_N,
+    SEEN,
+    TRUE,
     GelBlock,
     SkinScene,
     format_signed_tenths,
     set_up_view,
 )
 from ninedtact.studio.skin_fields import NO_CONTACT, SLIP, STICK
-from ninedtact.tracking import SlipEstimate, SlipState
+from ninedtact.tracking import SlipState
 
 if TYPE_CHECKING:
     from ninedtact.studio.recording_player import RecordingPlayer
@@ -64,8 +67,8 @@ def status_html(status: SensorStatusMessage) -> str:
     return card_html("status", sentence=status.sentence, tone=status.tone)
 
 
-def shape_summary_html(summary: ShapeSummary, is_past: bool, slip: SlipEstimate = SlipEstimate()) -> str:
-    """Return maximum indentation, contact area, contact centre, a slip lamp where slip is known, and a warning as HTML."""
+def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
+    """Return maximum indentation, contact area, contact centre and a warning as HTML."""
     x_y = summary.contact_centre_mm
     centre = x_y and f"centre at x {format_signed_tenths(x_y[0])}, y {format_signed_tenths(x_y[1])} mm"
     measures = (
@@ -74,11 +77,27 @@ def shape_summary_html(summary: ShapeSummary, is_past: bool, slip: SlipEstimate 
     )
     warning = "; ".join(summary.warnings)
     where = centre or ("" if summary.is_deepest_clipped else "nothing touches")
-    lamp = _SLIP_TONES.get(slip.state, "")
-    said = f"{slip.state}, {slip.sticking_share:.0%} sticks" if lamp else ""
-    return card_html(
-        "shape_summary", measures=measures, where=where, warning=warning, is_past=is_past, lamp=lamp, slip=said
-    )
+    return card_html("shape_summary", measures=measures, where=where, warning=warning, is_past=is_past)
+
+
+def followed_object_html(followed: FollowedObject, is_past: bool) -> str:
+    """Return how far the object has moved and turned and how much of it sticks, as seen and on a twin as it is; and a slip lamp."""
+    rows = [
+        (name, _hex_colour(colour), *_format_path(path))
+        for name, colour, path in (("seen", SEEN, followed.seen), ("true", TRUE, followed.true))
+        if path is not None
+    ]
+    lamp = _SLIP_TONES.get(followed.slip.state, "held")
+    return card_html("followed_object", rows=rows, state=str(followed.slip.state), lamp=lamp, is_past=is_past)
+
+
+def _format_path(path: ObjectPath) -> tuple[str, str, str, str]:
+    """Return displacement along x and y, turn, and the share that sticks; a dash where one is not known."""
+    x_mm, y_mm = (f"{value + 0.0:+.2f}".replace("-", "\N{MINUS SIGN}") for value in path.moved_mm.round(2).tolist())
+    error = f" ± {np.degrees(path.turn_std_rad):.1f}" if path.turn_std_rad else ""
+    turn_deg = f"{np.degrees(path.turn_rad):+.1f}{error}°".replace("-", "\N{MINUS SIGN}")
+    turn = turn_deg if np.isfinite(path.turn_rad) else "–"
+    return x_mm, y_mm, turn, f"{path.sticking_share:.0%}" if np.isfinite(path.sticking_share) else "–"
 
 
 def format_max_indentation(summary: ShapeSummary) -> str:

@@ -22,10 +22,10 @@ from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading, Stopwatch
 from ninedtact.shape.calibrated_shape import ReferenceUnusable
 from ninedtact.shape.coloured_height_map import ColourScale
+from ninedtact.studio.followed_object import FollowedObject, ObjectFollower
 from ninedtact.studio.press_control import TwinPressController
 from ninedtact.studio.reading_view import ReadingView, full_range_colour_scale
 from ninedtact.studio.saved_files import SaveQuota, save_moment_files
-from ninedtact.tracking import SlipEstimate
 
 SILENT_AFTER_MS = 1000.0
 """Time without images after which the page no longer counts as current: ten images of the slowest camera in use."""
@@ -109,8 +109,8 @@ class SensorMoment:
     shown_hz: float = 0.0
     name: str = ""
     """Name of the sensor among several."""
-    slip: SlipEstimate = SlipEstimate()
-    """Slip in the newest reading; unknown where no forces are estimated."""
+    followed: FollowedObject = FollowedObject()
+    """Path, turn and slip of what touches."""
 
     @property
     def reading(self) -> Reading | None:
@@ -183,12 +183,12 @@ class DisplayedSensor:
         wrenches: Sequence[WrenchHistory] = (),
         press: TwinPressController | None = None,
         name: str = "",
-        slip: Callable[[], SlipEstimate] = SlipEstimate,
+        follower: ObjectFollower | None = None,
     ) -> None:
-        """press: what people do with a twin; None for a sensor that is no twin. name: of the sensor among several. slip: returns
-        that of the newest reading.
+        """press: what people do with a twin; None for a sensor that is no twin. name: of the sensor among several. follower: is
+        given every reading of the poller; without one, no object is followed.
         """
-        self._slip = slip
+        self.follower = follower or ObjectFollower()
         self.poller, self.wrenches, self.press, self.name = poller, tuple(wrenches), press, name
         self._view: ReadingView | None = None
         self._views, self._shown = 0, RateMeter()
@@ -213,7 +213,9 @@ class DisplayedSensor:
         now_ns = time.monotonic_ns()
         wrenches = tuple(self._wrench_of_moment(history, now_ns) for history in self.wrenches)
         shown_hz = self._shown.hz(now_ns)
-        return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, self.name, self._slip())
+        reading = self.shown_reading
+        followed = self.follower.at(0 if reading is None else reading.stamp_ns)
+        return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, self.name, followed)
 
     def _wrench_of_moment(self, history: WrenchHistory, now_ns: int) -> WrenchSourceSnapshot:
         """Return the wrench at the time of the shown reading: its own estimate, of which the history has not every one."""
@@ -268,6 +270,7 @@ class PageController:
         snapshots = [one.poller.snapshot(now_ns) for one in self.sensors]
         moments = []
         for one, snapshot in zip(self.sensors, snapshots, strict=True):
+            one.follower.is_wanted = display.is_watched
             if display.is_watched:
                 one.take(snapshot.reading, self.scale)
             moments.append(one.moment(snapshot, most_urgent_status(snapshot, one.shown_reading, False, now_ns)))

@@ -40,7 +40,7 @@ from ninedtact.live.socket_guard import (
     network_port_errors,
     relay,
 )
-from ninedtact.studio.accepted_page_messages import CameraMessage, UploadTest, decode_page_message
+from ninedtact.studio.accepted_page_messages import CameraMessage, OneUploadPerClient, decode_page_message
 
 DEFAULT_PORTS = range(8080, 8100)
 """Ports that are tried one after the other where none is named."""
@@ -176,7 +176,7 @@ class PageServer:
         await relay(browser, address, _VISER_PROTOCOL, partial(self._pass_to_page, browser))
 
     async def _pass_to_page(self, browser: GuardedConnection, page: ClientConnection) -> None:
-        uploads, client_id, has_dropped = UploadTest(), None, False
+        uploads, client_id, has_dropped = OneUploadPerClient(), None, False
         try:
             async for message in browser:
                 content = decode_page_message(message)

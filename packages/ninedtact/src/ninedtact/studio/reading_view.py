@@ -24,7 +24,12 @@ from ninedtact.shape.orthorectification import find_pixels_of_skin_places, sampl
 from ninedtact.shape.surface import ShapeSummary, point_cloud, sightline_scale, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
 from ninedtact.simulation.twin import Press
-from ninedtact.studio.skin_fields import SkinTractions, colourise_magnitudes, estimated_tractions, true_tractions
+from ninedtact.studio.skin_fields import (
+    SkinTractions,
+    colourise_magnitudes,
+    interpolate_estimated_tractions,
+    true_tractions,
+)
 
 MAX_SURFACE_POINTS = 40_000
 """Number of points that a browser draws smoothly without a graphics card. Measures use the full map, not these points."""
@@ -192,7 +197,7 @@ class ReadingView:
         traction = None if self.reading.force is None else self.reading.force.traction
         if traction is None:
             return None
-        return self._draw("estimated", lambda: estimated_tractions(traction, self.reading.height))
+        return self._draw("estimated", lambda: interpolate_estimated_tractions(traction, self.reading.height))
 
     def surface(self, colouring: SkinColouring, coarser: int, source: ShownTraction) -> SkinSurface:
         """Return the surface in these colours."""
@@ -275,7 +280,9 @@ class ReadingView:
         return replace(surface, colours=_darken(surface.colours)) if self.is_past else surface
 
 
-def sensor_tiles(views: Mapping[str, ReadingView], kind: ImageKind, with_outline: bool, source: ShownTraction) -> Image:
+def tile_sensor_images(
+    views: Mapping[str, ReadingView], kind: ImageKind, with_outline: bool, source: ShownTraction
+) -> Image:
     """Return the same image of several sensors side by side, with their names, in BGR."""
     images = [view.image(kind, with_outline, source) for view in views.values()]
     rows, cols = images[0].shape[0] * TILE_WIDTH_PX // images[0].shape[1], TILE_WIDTH_PX

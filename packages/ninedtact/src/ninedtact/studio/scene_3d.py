@@ -22,6 +22,7 @@ from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
 from ninedtact.simulation.twin import Press
+from ninedtact.studio.followed_object import FollowedObject
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
 
 Point = tuple[float, float, float]
@@ -165,6 +166,57 @@ def torque_arc_points_mm(place_mm: Float64[Array, "3"], turn_deg: float) -> Floa
     return (place_mm + circle + [0, 0, LIFT_MM]).astype(np.float32)
 
 
+SEEN, TRUE = (0, 114, 178), (230, 159, 0)
+"""Colours of the path and turn of the object as they are seen, and as they are on a twin."""
+_TURN_RADII_MM = 3.0, 3.7
+"""Radii of the arcs of both turns, which hardly differ."""
+
+
+class _ObjectPaths:
+    """The path of the object over the skin, an arrow from where it touched first, and its turn as an arc from the x axis."""
+
+    def __init__(self, scene: SceneApi, name: str) -> None:
+        nothing = np.zeros((1, 2, 3), np.float32)
+        sizes: dict[str, float] = {"shaft_radius": 0.08, "head_radius": 0.3, "head_length": 0.7}
+        lines: dict[str, Any] = {"thickness_units": "screen", "visible": False}
+        self._parts = [
+            (
+                scene.add_line_segments(f"{name}/{kind}/path", nothing, colour, thickness=width, **lines),
+                scene.add_line_segments(f"{name}/{kind}/turn", nothing, colour, thickness=width, **lines),
+                scene.add_arrows(f"{name}/{kind}/moved", nothing, colour, visible=False, **sizes),
+                radius_mm,
+            )
+            for kind, colour, width, radius_mm in zip(
+                ("seen", "true"), (SEEN, TRUE), (3.0, 5.0), _TURN_RADII_MM, strict=True
+            )
+        ]
+
+    def show(self, followed: FollowedObject) -> None:
+        """Draw what is seen and what is true; nothing where nothing touches."""
+        for (path, turn, arrow, radius_mm), one in zip(self._parts, (followed.seen, followed.true), strict=True):
+            points_mm = None if one is None else np.column_stack([one.places_mm, np.full(len(one.places_mm), LIFT_MM)])
+            is_moved = points_mm is not None and float(np.linalg.norm(points_mm[-1] - points_mm[0])) > _LEAST_ARROW_MM
+            is_turned = one is not None and bool(np.isfinite(one.turn_rad))
+            if points_mm is not None and is_moved:
+                path.points = np.stack([points_mm[:-1], points_mm[1:]], axis=1).astype(np.float32)
+                arrow.points = points_mm[None, [0, -1]].astype(np.float32)
+            if points_mm is not None and one is not None and is_turned:
+                turn.points = _turn_lines_mm(points_mm[-1], one.turn_rad, radius_mm)
+            path.visible = arrow.visible = is_moved
+            turn.visible = is_turned
+
+
+_LEAST_ARROW_MM = 0.1
+
+
+def _turn_lines_mm(place_mm: Float64[Array, "3"], turn_rad: float, radius_mm: float) -> Float32[Array, "n 2 3"]:
+    """Return an arc from the x axis to the turn, with the hand at its end, as pieces of line."""
+    angle = np.linspace(0, turn_rad, ARC_PIECES + 1)
+    arc = place_mm + radius_mm * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    pieces = np.stack([arc[:-1], arc[1:]], axis=1)
+    return np.concatenate([pieces, [[place_mm, arc[-1]]]]).astype(np.float32)
+
+
 GEL, PAST = (150, 172, 196), (110, 114, 118)
 """Colours of the surface while it is current, and while it is not current."""
 EDGES, FLOOR = (120, 128, 138), (205, 210, 216)
@@ -214,6 +266,7 @@ class SkinScene:
             (mark, scene.add_label(f"{at}/gel/mark_{n}", mark.text, **style)) for n, mark in enumerate(marks)
         ]
         self._wrench = _WrenchArrows(scene, f"{at}/wrench")
+        self._paths = _ObjectPaths(scene, f"{at}/path")
         self._object: MeshHandle = scene.add_mesh_simple(f"{at}/object", empty, level, visible=False)
         self._indenter: Indenter | None = None
         self._scene, self._exaggeration = scene, 0.0
@@ -222,6 +275,10 @@ class SkinScene:
     def show_wrench(self, wrench: Wrench | None) -> None:
         """Draw the wrench; vertical exaggeration does not apply to forces."""
         self._wrench.show(wrench)
+
+    def show_path(self, followed: FollowedObject) -> None:
+        """Draw the path and turn of the object."""
+        self._paths.show(followed)
 
     def show_surface(self, surface: SkinSurface, as_points: bool, is_past: bool) -> None:
         """Draw one surface, as coloured points or as a smooth surface in the colour of silicone."""

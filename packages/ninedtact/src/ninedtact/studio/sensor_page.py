@@ -10,7 +10,7 @@ from ninedtact.live.server_log import one_line_logger
 from ninedtact.studio.page_controller import PageController, PageMoment
 from ninedtact.studio.page_server import PageServer, prepare_page
 from ninedtact.studio.scene_3d import GelBlock, set_up_view
-from ninedtact.studio.sensor_panels import ReferenceAndRatesPanel, StatusPanel
+from ninedtact.studio.status_and_rates_panels import ReferenceAndRatesPanel, StatusPanel
 from ninedtact.studio.twin_press_panel import TwinPressPanel
 from ninedtact.studio.view_panels import ImagesPanel, ProfilePanel, ScenePanel
 from ninedtact.studio.viewer import PanelFactory, ViewerPage

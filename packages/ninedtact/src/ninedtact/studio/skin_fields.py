@@ -69,7 +69,7 @@ class SkinTractions:
         return np.asarray(np.stack([starts[kept], tips[kept]], axis=1), np.float32)
 
 
-def estimated_tractions(traction: Traction, height: HeightMap) -> SkinTractions:
+def interpolate_estimated_tractions(traction: Traction, height: HeightMap) -> SkinTractions:
     """Return the tractions of an estimate, interpolated linearly from its cells."""
     (rows, cols), mm_per_px = _page_grid(height)
     cell_rows, cell_cols = traction.pressure_mpa.shape

@@ -8,6 +8,7 @@ import numpy as np
 from viser import GuiApi, GuiEvent, GuiImageHandle, Icon, SceneClickEvent, uplot
 
 from ninedtact.shape.coloured_height_map import ColourScale
+from ninedtact.studio.followed_object import FollowedObject
 from ninedtact.studio.page_cards import (
     card_html,
     height_legend_html,
@@ -23,7 +24,7 @@ from ninedtact.studio.reading_view import (
     ReadingView,
     ShownTraction,
     SkinColouring,
-    sensor_tiles,
+    tile_sensor_images,
 )
 from ninedtact.studio.scene_3d import SkinScene
 from ninedtact.studio.viewer import (
@@ -67,7 +68,7 @@ class ImagesPanel:
         first = next(iter(views.values()))
         for image, legend, kind in zip(self._images, self._legends, options.images, strict=True):
             if len(views) > 1:
-                bgr = sensor_tiles(views, kind, options.with_outline, options.source)
+                bgr = tile_sensor_images(views, kind, options.with_outline, options.source)
             else:
                 bgr = first.image(kind, options.with_outline, options.source)
             image.image = np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB))
@@ -104,6 +105,7 @@ class ScenePanel:
         )
         times = gui.add_slider("vertical exaggeration", 1.0, MAX_EXAGGERATION, 0.5, 1.0, hint="1 is true to scale")
         outline = gui.add_checkbox("contact outline", options.with_outline)
+        path = gui.add_checkbox("path of the object", options.with_path, hint="blue: seen; orange: true, on a twin")
         source = gui.add_dropdown(
             "pressure and shear",
             [str(each) for each in ShownTraction],
@@ -118,6 +120,7 @@ class ScenePanel:
             times, lambda event: viewer.choose(exaggeration=float(np.clip(event.target.value, 1, MAX_EXAGGERATION)))
         )
         on_user_change(outline, lambda event: viewer.choose(with_outline=event.target.value))
+        on_user_change(path, lambda event: viewer.choose(with_path=event.target.value))
         on_user_change(source, lambda event: viewer.choose(source=ShownTraction(event.target.value)))
         on_user_change(pressure, lambda event: viewer.choose(pressure_arrows=event.target.value))
         on_user_change(shear, lambda event: viewer.choose(shear_arrows=event.target.value))
@@ -162,6 +165,7 @@ class ScenePanel:
             if wants_arrows and tractions is not None
             else None
         )
+        scene.show_path(moment.followed if options.with_path and not is_past else FollowedObject())
         scene.show_object(view.press)
 
 

@@ -65,6 +65,7 @@ class ViewOptions:
 
     images: tuple[ImageKind, ImageKind] = (ImageKind.CAMERA, ImageKind.HEIGHT)
     with_outline: bool = True
+    with_path: bool = True
     colouring: SkinColouring = SkinColouring.HEIGHT
     coarser: int = 1
     """Factor by which points of the surface are farther apart than in the finest one."""

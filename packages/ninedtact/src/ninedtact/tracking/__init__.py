@@ -1,29 +1,31 @@
 """What touches, followed over time: readings in; contacts, the motion of the object with its covariance, and slip out.
 
-`ContactTracker` does all of it. `find_contacts` cuts one reading into contacts, `ObjectTracker` follows an object by its shape,
+`ContactTracker` does all of it. `ObjectTracker` follows an object by its shape,
 `Registration` finds the motion between two readings, and `SlipEstimator` needs no more than displacement and loads.
-`UprightTracker` and `slip_of_sequence` are for sensors without a calibration.
+`SequenceTracker`, with `UprightTracker` and `slip_of_sequence`, is for sensors without a calibration.
 """
 
+from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.contact_tracker import ContactTracker, TrackedContacts
-from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_contacts
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker, TrackState
 from ninedtact.tracking.registration import Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
+from ninedtact.tracking.sequence_tracker import SequenceTracker, TrackedImage
+from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
-from ninedtact.tracking.slip_of_sequence import SlipSample, slip_of_sequence
+from ninedtact.tracking.slip_of_sequence import slip_of_sequence
 from ninedtact.tracking.touched_surface import TouchedSurface, extract_touched_surface
 from ninedtact.tracking.upright_motion import UprightMotion, UprightTracker
 
 __all__ = [
     "ContactFollower",
-    "ContactPatch",
     "ContactTracker",
     "ObjectMotion",
     "ObjectTracker",
     "Registration",
     "RegistrationResult",
     "RigidMotion",
+    "SequenceTracker",
     "SlipEstimate",
     "SlipEstimator",
     "SlipSample",
@@ -31,9 +33,9 @@ __all__ = [
     "TouchedSurface",
     "TrackState",
     "TrackedContacts",
+    "TrackedImage",
     "UprightMotion",
     "UprightTracker",
     "extract_touched_surface",
-    "find_contacts",
     "slip_of_sequence",
 ]

@@ -4,7 +4,8 @@ How far the object has moved comes from its shape where that shows it (`ObjectTr
 is convex, as of balls, and from the edges of others (`ImprintShift`).
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -12,10 +13,13 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import Wrench
 from ninedtact.reading import Reading
-from ninedtact.tracking.contacts import ContactFollower, ContactPatch, find_contacts
+from ninedtact.shape.contacts import ContactPatch
+from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
-from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
+from ninedtact.tracking.sliding_springs import SlipSample
+from ninedtact.tracking.slip import INCIPIENT_SHARE, SlipEstimate, SlipEstimator, SlipState
+from ninedtact.tracking.turning_slip import TurningSlip, probability_below
 
 _SEEN_STD_MM = 0.06
 """Standard deviation of a position up to which the object's shape shows its motion along the skin."""
@@ -31,8 +35,9 @@ _LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
 
 @dataclass(frozen=True)
 class TrackedContacts:
-    """What touches in one image."""
+    """What touches in one reading."""
 
+    reading: Reading
     contacts: tuple[ContactPatch, ...]
     """The contacts, each with the number by which it is followed; the largest first."""
     motion: ObjectMotion
@@ -47,15 +52,16 @@ class TrackedContacts:
 
 @dataclass
 class ContactTracker:
-    """Follows contacts, object and slip; give it every reading of a stream in turn.
+    """Follows contacts, object and slip through the readings of a sensor.
 
     >>> tracker = ninedtact.tracking.ContactTracker()
     >>> with ninedtact.open("my_sensor", source="sim") as sensor:
-    ...     states = [tracker.update(reading).slip.state for reading, _ in zip(sensor, range(50))]
+    ...     states = [found.slip.state for found, _ in zip(tracker.follow(sensor), range(50))]
     """
 
     objects: ObjectTracker = field(default_factory=ObjectTracker)
     slip: SlipEstimator = field(default_factory=SlipEstimator)
+    turning: TurningSlip = field(default_factory=TurningSlip)
     _followed: ContactFollower = field(default_factory=ContactFollower, init=False, repr=False)
     _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
     """Estimators of single contacts, by their numbers, where there are several."""
@@ -65,19 +71,26 @@ class ContactTracker:
     """Shift of the imprint in the image before."""
     _last: TrackedContacts | None = field(default=None, init=False, repr=False)
 
+    def follow(self, readings: Iterable[Reading]) -> Iterator[TrackedContacts]:
+        """Yield what touches in every reading of a stream, such as an open sensor."""
+        return map(self.update, readings)
+
     def update(self, reading: Reading) -> TrackedContacts:
         """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
-        contacts = () if reading.image_warnings else self._followed.update(find_contacts(reading))
+        contacts = () if reading.image_warnings else self._followed.update(reading.contacts)
         motion = self.objects.update(reading)
         imprint_step_mm = self._imprint_step_mm(reading, contacts)
         self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
-        if not contacts and not reading.image_warnings and not (reading.force is not None and reading.force.touching):
+        if not reading.is_touching and not reading.image_warnings:
             slip, self._slips = self.slip.release(), {}
+            self.turning.release()
         elif contacts and reading.wrench is not None:
-            slip = _slip_at(self.slip, reading, self._moved_mm, reading.wrench)
+            slip = self._turn(
+                _slip_at(self.slip, reading, self._moved_mm, reading.wrench), contacts, motion, reading.wrench
+            )
             slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
-        self._last = TrackedContacts(contacts, motion, self._moved_mm, slip, slips)
+        self._last = TrackedContacts(reading, contacts, motion, self._moved_mm, slip, slips)
         return self._last
 
     def _imprint_step_mm(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> Float[Array, "2"]:
@@ -109,6 +122,23 @@ class ContactTracker:
         agrees = float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
         return imprint_step_mm if has_edges and agrees else step_mm
 
+    def _turn(
+        self, slip: SlipEstimate, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, wrench: Wrench
+    ) -> SlipEstimate:
+        """Return the slip with that of a turn about the normal, which is the slip of all contacts together."""
+        if not motion.is_known or self._last is None or motion.path != self._last.motion.path:
+            self.turning.release()
+        if not motion.is_known or slip.state != SlipState.STATIC:
+            return slip
+        area_mm2, normal_n = sum(contact.area_mm2 for contact in contacts), -float(wrench.force_n[2])
+        yaw_rad, std_rad = motion.motion.yaw_rad, float(motion.std[5])
+        share = self.turning.update(yaw_rad, std_rad, area_mm2, normal_n, slip.friction)
+        if not share < slip.sticking_share:
+            return slip
+        p_incipient = max(probability_below(share, INCIPIENT_SHARE, bool(np.isfinite(slip.friction))), slip.p_incipient)
+        state = SlipState.INCIPIENT if p_incipient > 0.5 else slip.state
+        return replace(slip, state=state, p_incipient=p_incipient, sticking_share=share)
+
     def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""
         self._slips = {one.number: self._slips.get(one.number, SlipEstimator()) for one in contacts}
@@ -132,10 +162,15 @@ def _slip_at(
     if estimator.time_s is not None and reading.stamp_ns / 1e9 <= estimator.time_s:
         return SlipEstimate()  # a damaged recording repeats stamps
     normal_n = -float(wrench.force_n[2])
-    std_n = load_std_n(normal_n)
-    return estimator.update(
-        reading.stamp_ns / 1e9, displacement_mm, CONTACT_CENTRE_STD_MM, wrench.force_n[:2], normal_n, std_n
+    sample = SlipSample(
+        reading.stamp_ns / 1e9,
+        displacement_mm,
+        wrench.force_n[:2],
+        normal_n,
+        CONTACT_CENTRE_STD_MM,
+        load_std_n(normal_n),
     )
+    return estimator.update(sample)
 
 
 def load_std_n(normal_n: float) -> float:

@@ -101,8 +101,7 @@ class ObjectTracker:
         """Return where the object is in the next reading of the stream."""
         if reading.image_warnings:
             return self._lose(TrackState.LOST, str(reading.image_warnings[0]))
-        is_free = not reading.contact.any() if reading.force is None else not reading.force.touching
-        if is_free:
+        if not reading.is_touching:
             return self._lose(TrackState.NO_CONTACT)
         surface = extract_touched_surface(reading.height, reading.contact)
         if surface is None:

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ninedtact.robust_noise import robust_std
 from ninedtact.tracking.rigid_motion import Covariance, RigidMotion
 from ninedtact.tracking.touched_surface import TouchedSurface
 
@@ -76,7 +77,7 @@ class RejectOutliers:
         shared = both > 0.5
         if not shared.any():
             return np.zeros_like(both)
-        typical = 1.48 * float(np.median(np.abs(distance[shared]))) + 1e-4
+        typical = float(robust_std(distance[shared])) + 1e-4
         return np.asarray(shared / (1 + (distance / (self.typical_distances * typical)) ** 2))
 
 

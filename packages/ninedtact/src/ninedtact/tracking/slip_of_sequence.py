@@ -5,12 +5,14 @@ images as the motion allows: as long as smoothing takes no more off than the noi
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy import ndarray as Array
 
+from ninedtact.robust_noise import noise_by_second_differences
+from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator
 
 _SMOOTHING_IMAGES = 4.0, 3.0, 2.0, 1.4, 1.0, 0.6
@@ -21,32 +23,25 @@ _LEAST_IMAGES = 5
 """Images of a contact below which nothing is smoothed."""
 _FIRM = 0.3
 """Part of the greatest normal load from which images count for the noise; light contacts have more."""
-_STD_PER_MEDIAN = 1.4826
 _NOISE_PART = 0.5
 """Part of the measured noise that is passed to `SlipEstimator`, whose thresholds are made for errors alike in several images."""
 _LEAST_DISPLACEMENT_STD, _LEAST_RELATIVE_LOAD_STD = 0.004, 0.003
 """Errors that are assumed at least: mm, and over the median normal load."""
 
 
-@dataclass(frozen=True)
-class SlipSample:
-    """The numbers of one image; not numbers where nothing is known."""
-
-    time_s: float
-    displacement: Float[Array, "2"]
-    tangential: Float[Array, "2"]
-    normal: float
-    """Positive under pressure, in the same unit as the tangential load, whatever this is; zero where nothing touches."""
-
-
 def slip_of_sequence(samples: Sequence[SlipSample]) -> list[SlipEstimate]:
-    """Return the slip at every sample, unknown without contact; raises `InputError` for times that do not rise."""
+    """Return the slip at every sample, unknown without contact; standard deviations of the samples are not read.
+
+    Raises `InputError` for times that do not rise.
+    """
     values = np.array([[*one.displacement, *one.tangential, one.normal] for one in samples], float).reshape(-1, 5)
     is_touching = np.isfinite(values).all(axis=1) & (values[:, 4] > 0)
     if not is_touching.any():
         return [SlipEstimate() for _ in samples]
     firm = is_touching & (values[:, 4] > _FIRM * values[is_touching, 4].max())
-    displacement_noise, load_noise = _noise(values[firm, :2]), _noise(values[firm, 2:4])
+    displacement_noise, load_noise = (
+        noise_by_second_differences(part, 0) for part in (values[firm, :2], values[firm, 2:4])
+    )
     least_load = _LEAST_RELATIVE_LOAD_STD * float(np.median(values[firm, 4]))
     runs = list(_runs(is_touching))
     scale = np.maximum([displacement_noise] * 2 + [load_noise] * 2, 1e-9)
@@ -60,17 +55,9 @@ def slip_of_sequence(samples: Sequence[SlipSample]) -> list[SlipEstimate]:
         if not touches:
             found.append(SlipEstimate() if np.isnan(sample.normal) else estimator.release())
             continue
-        x, y, tangential_x, tangential_y, normal = row.tolist()
-        tangential = np.array([tangential_x, tangential_y])
-        found.append(estimator.update(sample.time_s, np.array([x, y]), displacement_std, tangential, normal, load_std))
+        smooth = replace(sample, displacement=row[:2], tangential=row[2:4], normal=float(row[4]))
+        found.append(estimator.update(replace(smooth, displacement_std=displacement_std, load_std=load_std)))
     return found
-
-
-def _noise(values: Float[Array, "n k"]) -> float:
-    """Return the standard deviation of the noise of one value, by second differences, which smooth motions hardly change."""
-    if len(values) < 3:
-        return 0.0
-    return float(np.median(np.abs(np.diff(values, n=2, axis=0)))) * _STD_PER_MEDIAN / float(np.sqrt(6))
 
 
 def _runs(is_touching: Bool[Array, " n"]) -> Iterator[Int[Array, " run"]]:

@@ -4,7 +4,7 @@ Where an object holds the skin down, the skin lies on it: its height is the heig
 free beside the object, so that the rim is left out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -77,10 +77,7 @@ def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]
     rows, cols = rows[::every_point], cols[::every_point]
     z_mm = cv2.GaussianBlur(height.z_mm, (0, 0), SMOOTHING_MM / px)
     slope_x, slope_y = (cv2.Sobel(z_mm, cv2.CV_32F, *order, ksize=3, scale=1 / (8 * px)) for order in ((1, 0), (0, 1)))
-    z = z_mm[rows, cols].astype(float)
-    x_axis, y_axis = height.axes_mm
-    scale = 1 + z / height.camera_distance_mm
-    points_mm = np.column_stack([x_axis[cols] * scale, y_axis[rows] * scale, z])
+    points_mm = replace(height, z_mm=z_mm).points_at(rows, cols)
     area_mm2 = (every * px) ** 2 * every_point
     distance_mm = height.camera_distance_mm
     return TouchedSurface(z_mm, slope_x, slope_y, held.astype(np.float32), px, distance_mm, points_mm, area_mm2)

@@ -37,7 +37,7 @@ _MAX_FRUITLESS_PRESSES = 30
 _OBJECT_SHIFT = 7
 """Shift of each session's first object in the shuffled list: about as many presses as a session makes."""
 _Pair = tuple[float, float]
-_CONTACT_LOST = (PoseOutOfView, NonPositiveLoad, ContactLeavesGrid, ContactLeavesGel)
+CONTACT_LOST = (PoseOutOfView, NonPositiveLoad, ContactLeavesGrid, ContactLeavesGel)
 """Errors of a step where no contact is possible; they end the press."""
 _MAX_SIDEWAYS_STEP_MM = 0.5
 _CONTACT_REACH_MM = 1.0
@@ -201,8 +201,8 @@ class RandomPress:
     def __post_init__(self) -> None:
         self.initial_twist_rad = float(self.rng.uniform(-np.pi, np.pi))
         area_mm = self.setup.twin.area_mm
-        max_offset_mm = _max_offset_mm(self.indenter, self.initial_twist_rad, area_mm)
-        x, y = self.settings.sample_position(self.rng, max_offset_mm, area_mm)
+        reach_mm = max_offset_mm(self.indenter, self.initial_twist_rad, area_mm)
+        x, y = self.settings.sample_position(self.rng, reach_mm, area_mm)
         self.pose = Pose(x, y, 0.0, self.initial_twist_rad)
 
     def targets(self) -> Iterator[PressTarget]:
@@ -224,7 +224,7 @@ class RandomPress:
         load_n = target.load_n / (self.contact.stiffening if self.contact else 1.0)
         try:
             contact = yield from self._sink_in(self._next_pose(target), load_n)
-        except _CONTACT_LOST:
+        except CONTACT_LOST:
             return None
         self.contact, self.pose = contact, contact.pose
         is_accurate = contact.solved.residual_mm < _RESIDUAL_PART * contact.max_indentation_mm + _RESIDUAL_MM
@@ -273,7 +273,7 @@ def _interpolate_targets(before: PressTarget, after: PressTarget, part: float) -
     return PressTarget(**values)
 
 
-def _max_offset_mm(indenter: Indenter, twist_rad: float, area_mm: _Pair) -> Float64[Array, "2"]:
+def max_offset_mm(indenter: Indenter, twist_rad: float, area_mm: _Pair) -> Float64[Array, "2"]:
     """Return how far the object may be from the sensor's middle along x and y with its contact inside the sensing area."""
     axis = np.linspace(-12, 12, 97)
     x, y = np.meshgrid(axis, axis)

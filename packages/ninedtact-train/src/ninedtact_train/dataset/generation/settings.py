@@ -154,3 +154,42 @@ class GenerationSettings:
     def to_json_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return asdict(self)
+
+
+@dataclass(frozen=True)
+class SequenceSettings:
+    """Everything that decides about the bytes of a data set of sequences. Raises `InputError`."""
+
+    sequences: _Count = 160
+    """Number of sequences of 1 to 2 s; the kinds of motion take turns."""
+    size: tuple[_SidePx, _SidePx] = (460, 345)
+    """Columns and rows of the rectified images; images of every size show the width of the sensing area."""
+    sensors: _Count = 20
+    """Number of different sensors, which take turns."""
+    objects: _Count = 35
+    """Number of generated objects, unless objects are named."""
+    object_names: tuple[str, ...] = ()
+    """Objects by name in place of generated ones (ball:4, gear_07, part.stl)."""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    """Seed of sensors, motions and noise."""
+    objects_seed: Annotated[int, Meta(ge=0)] = 0
+    """Seed of generated objects."""
+    pitch_mm: Annotated[float, Meta(ge=0.05, le=1)] = 0.2
+    """Pitch of the grid on which contacts are solved; a coarser one is faster."""
+    load_n: Annotated[_Pair, Suppress] = (1.0, 8.0)
+    speed_mm_s: Annotated[_Pair, Suppress] = (1.5, 20.0)
+    friction: Annotated[_Pair, Suppress] = (0.2, 0.9)
+    """Smallest and largest load, speed and friction coefficient, whose logarithms are uniform."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds(self)
+
+    @property
+    def sensors_and_objects(self) -> GenerationSettings:
+        """The same of a data set of pairs, which makes the sensors and objects."""
+        names = "size", "sensors", "objects", "object_names", "seed", "objects_seed", "pitch_mm"
+        return GenerationSettings(**{name: getattr(self, name) for name in names})
+
+    def to_json_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return asdict(self)

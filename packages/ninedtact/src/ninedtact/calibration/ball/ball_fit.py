@@ -220,8 +220,9 @@ _STIFFENING_BOUNDS = 0.0, 4.0
 """Range of the factor on the stiffening of the base (`BaseDeflection.stiffening`)."""
 _FLOORS = (0.01, 0.03, 0.1)
 """The floors of the deblurring that are tried, from sharp to smooth."""
-_SHARPNESS_COST_MM = 0.003
-"""Error of the ball's reconstruction that a sharper one may add. A ball is smooth and gains nothing from sharpness; edges do."""
+_SHARPNESS_COST_MM, _SHARPNESS_COST = 0.003, 0.2
+"""Error of the ball's reconstruction that a sharper one may add, and the share that it may add where this is more. A ball is smooth
+and gains nothing from sharpness; edges do."""
 
 
 def depth_curve_of_brightness_model(light: BrightnessModel, deepest_mm: float) -> DepthCurve:
@@ -306,10 +307,11 @@ class TwinBallFit(BallFit):
         errors_mm = [
             self.reading_error_mm(self.press_reader(self._model_curve, each), self.disc) for each in candidates
         ]
+        least_mm = min(errors_mm)
         return next(
             each
             for each, error_mm in zip(candidates, errors_mm, strict=True)
-            if error_mm <= min(errors_mm) + _SHARPNESS_COST_MM
+            if error_mm <= least_mm + max(_SHARPNESS_COST_MM, _SHARPNESS_COST * least_mm)
         )
 
     @cached_property

@@ -17,7 +17,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     BallQuality,
     BoardQuality,
     Certificate,
-    LengthQuality,
+    LengthPlausibility,
     SecondBallQuality,
 )
 from ninedtact.design import Gel
@@ -67,7 +67,7 @@ class CheckLimit:
         return "warn" if sign * value <= sign * self.usable else "fail"
 
 
-Quality = TypeVar("Quality", BoardQuality, BallQuality, SecondBallQuality, LengthQuality)
+Quality = TypeVar("Quality", BoardQuality, BallQuality, SecondBallQuality, LengthPlausibility)
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondBallQuality], ...] = (
         cause=lambda second: WRONG_RADIUS,
     ),
 )
-LENGTH_CHECKS: tuple[CertificateCheck[LengthQuality], ...] = (
+LENGTH_CHECKS: tuple[CertificateCheck[LengthPlausibility], ...] = (
     # Of the population with right lengths, 6 % is beyond (`certificate.length_evidence`). A wrong length that is
     # noticed late costs more than a measurement with a calliper.
     CertificateCheck(
@@ -355,7 +355,7 @@ def _correction_in_words(board: BoardQuality) -> str:
     )
 
 
-def _likely_lengths_in_words(lengths: LengthQuality) -> str:
+def _likely_lengths_in_words(lengths: LengthPlausibility) -> str:
     """Return the length that fits better where one may be wrong, or an empty text."""
     if lengths.wrong_probability <= LENGTH_CHECKS[0].limit.good:
         return ""

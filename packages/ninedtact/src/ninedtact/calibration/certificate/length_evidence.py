@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.board.board_fit import BoardFit
-from ninedtact.calibration.sensor_toml_schema import LengthQuality
+from ninedtact.calibration.sensor_toml_schema import LengthPlausibility
 from ninedtact.calibration.twin.ball_press_fit import TwinFit
 from ninedtact.design import PUBLISHED_MM_PER_PX, Gel, RectifiedImageSize, SensorDesign
 from ninedtact.simulation.gel_brightness import (
@@ -69,13 +69,15 @@ class LengthClue:
         return np.asarray(np.log((usual + unlike) / self.spread + 1e-300))
 
 
-def assess_stated_lengths(board: BoardFit | None, twin: TwinFit | None, design: SensorDesign) -> LengthQuality | None:
+def assess_stated_lengths(
+    board: BoardFit | None, twin: TwinFit | None, design: SensorDesign
+) -> LengthPlausibility | None:
     """Return what the fits of board and ball say of the stated lengths; None where there are none of both."""
     clues = [] if twin is None else ball_clues(twin.light, twin.gel, design)
     if board is not None:
         spread_mm = None if twin is None else twin.light.point_spread_mm
         clues += board_clues(board.mm_per_px, max(board.change.shape), board.imprint_radius_mm, spread_mm, design)
-    return weigh_length_clues(clues, design) if clues else None
+    return probabilities_of_wrong_lengths(clues, design) if clues else None
 
 
 def board_clues(
@@ -121,7 +123,7 @@ def ball_clues(light: BrightnessModel, gel: Gel, design: SensorDesign) -> list[L
     ]
 
 
-def weigh_length_clues(clues: list[LengthClue], design: SensorDesign) -> LengthQuality:
+def probabilities_of_wrong_lengths(clues: list[LengthClue], design: SensorDesign) -> LengthPlausibility:
     """Return how probable a wrong pitch and a wrong radius are, and which lengths the clues fit best."""
     none = np.zeros_like(_ERRORS)
     prior = np.exp(-0.5 * (_ERRORS / _WRONG_SPREAD) ** 2)
@@ -131,7 +133,7 @@ def weigh_length_clues(clues: list[LengthClue], design: SensorDesign) -> LengthQ
     by_radius = np.exp(sum(clue.log_likelihood(none, _ERRORS) for clue in clues) - right) * prior
     pitch_weight, radius_weight = (float(_WRONG_SHARE * one.sum()) for one in (by_pitch, by_radius))
     total = 1 - 2 * _WRONG_SHARE + pitch_weight + radius_weight
-    return LengthQuality(
+    return LengthPlausibility(
         pitch_mm=design.pin_board.pitch_mm,
         pitch_wrong_probability=pitch_weight / total,
         likely_pitch_mm=float(design.pin_board.pitch_mm * np.exp(-_ERRORS[by_pitch.argmax()])),

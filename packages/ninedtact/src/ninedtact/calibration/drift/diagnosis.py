@@ -8,9 +8,11 @@ import numpy as np
 
 from ninedtact.calibration.brightness_change import MAX_UNEVENNESS
 from ninedtact.calibration.drift.reference_check import (
+    EXPLAINED_BY_GAMMA,
     DriftFinding,
     DriftMeasurement,
     change_in_words,
+    find_gamma_change,
     find_reference_image_fault,
     position_in_words,
 )
@@ -21,10 +23,6 @@ _MAX_BRIGHTNESS_CHANGE = 0.03
 """Largest change of the whole brightness; 0.011 between two sessions of a real sensor."""
 _MAX_COLOUR_CHANGE = 0.03
 """Largest change of one colour relative to the others; 0.004 between two sessions."""
-_MAX_GAMMA_CHANGE, _LEFT_BY_GAMMA = 0.05, 0.006
-"""Change of gamma, and what it may leave of the light: whole grey levels leave 0.001, and a failing LED 0.02."""
-_MIN_GAMMA_EFFECT = 0.0025
-"""Effect of gamma over the view below which it may be the rounding of a gain to whole levels."""
 _MAX_LIGHT_MOTION = 4.0
 """Motion, in units of its limit, that uneven light may feign."""
 _MAX_NAMED_MARKS = 3
@@ -34,10 +32,12 @@ def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
     """Return all findings, the most probable cause first; of a pressed, unknown or mirrored skin nothing else is diagnosed."""
     grave = find_reference_image_fault(drift)
     dim = _find_dim_light(drift)
-    if dim is not None and (grave is None or grave.diagnosis in ("another sensor's gel", "out of focus")):
+    if dim is not None and (
+        grave is None or grave.diagnosis in ("another sensor's gel", "out of focus", "gamma changed")
+    ):
         return [dim]
-    gamma = _find_gamma(drift)
-    if gamma is not None and (grave is None or grave.diagnosis in ("something touches the gel", "out of focus")):
+    gamma = find_gamma_change(drift)
+    if gamma is not None and (grave is None or grave.diagnosis in EXPLAINED_BY_GAMMA):
         return [gamma]
     if grave is not None:
         return [grave]
@@ -65,21 +65,6 @@ def _find_dim_light(drift: DriftMeasurement) -> DriftFinding | None:
         return None
     evidence, _, remedy = drift.dim.removeprefix("dim: ").partition("; ")
     return DriftFinding("dim", f"{evidence}, and {finding.because}", remedy, finding.height_mm)
-
-
-def _find_gamma(drift: DriftMeasurement) -> DriftFinding | None:
-    """Return a finding where one gamma explains the change of the brightness over the view."""
-    fit = drift.gamma
-    if fit is None or drift.flipped or not fit.is_certain or abs(fit.gamma - 1) < _MAX_GAMMA_CHANGE:
-        return None
-    if fit.spread > _LEFT_BY_GAMMA or fit.effect < _MIN_GAMMA_EFFECT:
-        return None
-    return DriftFinding(
-        "gamma changed",
-        f"a gamma of {fit.gamma:.2f} ± {fit.error:.2f} explains the change of the light to {fit.spread:.1%}",
-        "set gamma, contrast and brightness of the camera as they were",
-        drift.height_mm,
-    )
 
 
 def _find_camera_motion(drift: DriftMeasurement) -> DriftFinding | None:

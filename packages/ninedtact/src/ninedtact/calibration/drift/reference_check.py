@@ -40,7 +40,7 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified
 from ninedtact.shape.deblurring import block_means
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_spread
+from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_light_unevenness
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification, to_grey_float
 from ninedtact.shape.light_change import GammaFit, fit_gamma
 from ninedtact.shape.sharpness import Sharpness, is_smoother, measure_sharpness
@@ -153,7 +153,7 @@ class DriftMeasurement:
     """Whether the image lacks the noise of the camera, as a blurred one does."""
     gamma: GammaFit | None = None
     """Gamma and gain that explain the change of the brightness; None where they cannot be told."""
-    border_spread: float = 0.0
+    border_light_unevenness: float = 0.0
     """How much the light along the border of the view changed unevenly, which a press leaves as it is."""
 
     def equivalent_height_mm(self, change: float) -> float:
@@ -198,7 +198,7 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
         measure_sharpness((known.lens_image, known.depth_image), nearest.undone(today)),
         is_smoother(today, known.depth_image),
         _fit_gamma(known, today, moved if moved.is_same_skin else nearest),
-        border_spread(known.rectify(Frame(nearest.undone(today))), known.rectified_reference),
+        border_light_unevenness(known.rectify(Frame(nearest.undone(today))), known.rectified_reference),
     )
 
 
@@ -269,6 +269,15 @@ _MIN_FOREIGN_UNEVENNESS = 0.07
 """Change of the light across the view above which such a skin counts as that of another sensor. It is at most 0.066 where boards
 and objects press their own sensor, and 0.07 to 0.5 between most sensors."""
 
+_MAX_GAMMA_CHANGE, _LEFT_BY_GAMMA = 0.05, 0.006
+"""Change of gamma, and what it may leave of the light: whole grey levels leave 0.001, and a failing LED 0.02."""
+_MIN_GAMMA_EFFECT = 0.0025
+"""Effect of gamma over the view below which it may be the rounding of a gain to whole levels."""
+_MAX_REFERENCE_GAMMA_CHANGE = 0.1
+"""Change of gamma above which an image cannot be a reference image: all darkening, and so all depth, changes by about as much."""
+EXPLAINED_BY_GAMMA: tuple[DriftDiagnosis, ...] = ("something touches the gel", "out of focus", "gamma changed")
+"""Findings that a changed gamma feigns."""
+
 
 @dataclass(frozen=True)
 class DriftFinding:
@@ -292,9 +301,11 @@ class DriftFinding:
 
 
 def find_reference_image_fault(drift: DriftMeasurement) -> DriftFinding | None:
-    """Return why an image cannot be a reference image of the calibrated sensor: blur, another gel, a contact, or a flip."""
+    """Return why an image cannot be a reference image of the calibrated sensor: blur, another gel, a contact, a flip, or gamma."""
     findings = _find_blur(drift), _find_another_gel(drift), _find_contact(drift), _find_mirrored_image(drift)
-    return next((finding for finding in findings if finding is not None), None)
+    found = next((finding for finding in findings if finding is not None), None)
+    gamma = find_gamma_change(drift, _MAX_REFERENCE_GAMMA_CHANGE)
+    return gamma if gamma is not None and (found is None or found.diagnosis in EXPLAINED_BY_GAMMA) else found
 
 
 def _find_blur(drift: DriftMeasurement) -> DriftFinding | None:
@@ -320,6 +331,21 @@ def _find_blur(drift: DriftMeasurement) -> DriftFinding | None:
     )
 
 
+def find_gamma_change(drift: DriftMeasurement, least: float = _MAX_GAMMA_CHANGE) -> DriftFinding | None:
+    """Return a finding where one gamma explains the change of the brightness over the view."""
+    fit = drift.gamma
+    if fit is None or drift.flipped or not fit.is_certain or abs(fit.gamma - 1) < least:
+        return None
+    if fit.spread > _LEFT_BY_GAMMA or fit.effect < _MIN_GAMMA_EFFECT:
+        return None
+    return DriftFinding(
+        "gamma changed",
+        f"a gamma of {fit.gamma:.2f} ± {fit.error:.2f} explains the change of the light to {fit.spread:.1%}",
+        "set gamma, contrast and brightness of the camera as they were",
+        drift.height_mm,
+    )
+
+
 def _find_contact(drift: DriftMeasurement) -> DriftFinding | None:
     """Return a finding where the gel is pressed."""
     place = drift.change.contact
@@ -339,7 +365,7 @@ def _find_another_gel(drift: DriftMeasurement) -> DriftFinding | None:
     skin, change = drift.nearest, drift.change
     if drift.flipped or skin.is_same_skin or not (change.marks or change.unevenness > MAX_UNEVENNESS):
         return None
-    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS or drift.border_spread > MAX_BORDER_SPREAD
+    other_light = change.unevenness > _MIN_FOREIGN_UNEVENNESS or drift.border_light_unevenness > MAX_BORDER_SPREAD
     pressed_all_over = change.contact is not None and change.changed_share > _MIN_PRESSED_SHARE
     if skin.observable and (other_light or not pressed_all_over):
         reason = f"the fine structure of the calibrated skin is not there (correlation {skin.correlation:.2f})"

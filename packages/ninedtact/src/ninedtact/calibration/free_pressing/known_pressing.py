@@ -2,7 +2,7 @@
 
 Every image is estimated once, which aligns the force/torque sensor with the skin. A few moments of each contact, at its largest
 load, half way to it and at its largest shear, are then estimated on all assumed bases: with the aligned load of the force/torque
-sensor they are presses like those on a scale (`known_load_fit`).
+sensor they are presses like those on a scale (`gel_fit_to_known_loads`).
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from ninedtact.calibration.free_pressing.force_torque_alignment import (
     fit_alignment,
 )
 from ninedtact.calibration.free_pressing.pressing import ForceTorqueSamples, FreePressing, PressingUnusable
-from ninedtact.calibration.known_load_fit import (
+from ninedtact.calibration.gel_fit_to_known_loads import (
     AssumedBases,
     KnownLoadFit,
     KnownLoadPress,

@@ -13,6 +13,7 @@ from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import ForceEstimationError
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
 from ninedtact.reading import Reading
+from ninedtact.robust_noise import robust_std
 
 _STUCK_S, _STUCK_SAMPLES = 0.1, 5
 """Duration and number of equal samples from which an axis counts as stuck; that of a device with noise does not repeat."""
@@ -41,7 +42,7 @@ class ForceTorqueSamples:
     @cached_property
     def noise(self) -> Float[Array, "6"]:
         """Standard deviation of one sample, from the differences of neighbours."""
-        return np.asarray(1.4826 * np.median(np.abs(np.diff(self.six, axis=0)), axis=0) / np.sqrt(2))
+        return np.asarray(robust_std(np.diff(self.six, axis=0), axis=0) / np.sqrt(2))
 
     def at(self, at_s: Float[Array, " n"]) -> Float[Array, "n 6"]:
         """Return the samples at these times, interpolated; not-a-number where none is near."""

@@ -30,7 +30,7 @@ from ninedtact.calibration.twin.fit_parameters import (
     parameter_covariance,
     split_by_press,
 )
-from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, implied_ball_radius
+from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, estimate_ball_radius_from_fit
 from ninedtact.calibration.twin.gel_base import (
     MODULUS_RATIO_MODEL_STD,
     KnownBase,
@@ -246,7 +246,7 @@ def fit_twin_to_ball_press(
             one,
             seen.ball,
             float(np.sqrt(np.mean(residual[rows] ** 2))),
-            implied_ball_radius(problem, vector, jacobian, stacked, sum(observations), number),
+            estimate_ball_radius_from_fit(problem, vector, jacobian, stacked, sum(observations), number),
         )
         for number, (one, seen, rows) in enumerate(zip(others, further, problem.rows[1:], strict=True), start=1)
     )

@@ -170,7 +170,9 @@ def model_error_share(jacobian: Float[Array, "rows parameters"], rows: list[slic
     if len(rows) == 1:
         return 1.0
     alone = [jacobian[one][:, parameters_of_press(number)] for number, one in enumerate(rows)]
-    *each, joint = (information_of_parameter(one.T @ one, BASE_INDEX) for one in (*alone, jacobian[: rows[-1].stop]))
+    *each, joint = (
+        marginal_information_of_parameter(one.T @ one, BASE_INDEX) for one in (*alone, jacobian[: rows[-1].stop])
+    )
     return share_left_of_model_error(each, joint)
 
 
@@ -179,7 +181,7 @@ def share_left_of_model_error(alone: Sequence[float], joint: float) -> float:
     return float(min(np.sqrt(np.sum(np.square(alone))) / joint, 1.0))
 
 
-def information_of_parameter(information: Float[Array, "n n"], index: int) -> float:
+def marginal_information_of_parameter(information: Float[Array, "n n"], index: int) -> float:
     """Return what images say of one parameter when all others are fitted: the inverse of its variance."""
     return float(1 / max(np.linalg.pinv(information, hermitian=True)[index, index], 1e-30))
 

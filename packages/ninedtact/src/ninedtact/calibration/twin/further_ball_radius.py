@@ -31,7 +31,7 @@ class ImpliedRadius:
     std_mm: float
 
 
-def implied_ball_radius(
+def estimate_ball_radius_from_fit(
     problem: JointPressProblem,
     vector: ParameterVector,
     jacobian: Float[Array, "rows parameters"],

@@ -24,6 +24,7 @@ from ninedtact.force.contact_detection import (
     correlated_noise_limit,
     detect_contact,
     find_contact_region,
+    find_faint_contact,
     pressure_reaches_unseen,
 )
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate, zero_wrench
@@ -97,12 +98,13 @@ class TractionForce(ForceEstimator):
         inversion = self._inversion_for(reading.height)
         observation = self.observation_model.observe(reading, inversion.forward.cells)
         region = self._find_region(reading, observation)
-        if region is None:
+        result = None if region is None else inversion.invert(observation, region, self.last)
+        if result is None or not result.tractions[0].any():  # no pressure makes skin so dark and bright
             self.forget()
             return WrenchEstimate(
                 zero_wrench(reading.frame.stamp_ns), diagonal_covariance(NO_CONTACT_STD), touching=False
             )
-        self.last = result = inversion.invert(observation, region, self.last)
+        self.last = result
         return self._to_estimate(reading, observation, result)
 
     def _find_region(self, reading: Reading, observation: ObservationOnCells) -> Float32[Array, "rows cols"] | None:
@@ -119,6 +121,7 @@ class TractionForce(ForceEstimator):
             MARGIN_CELLS,
             self.contact_region,
             correlated_noise_limit(reading, threshold),
+            find_faint_contact(reading, threshold),
         )
 
     def _to_estimate(

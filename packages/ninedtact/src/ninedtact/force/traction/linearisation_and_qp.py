@@ -239,7 +239,7 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         carried = self.prior.shear_modes[row * self.region.shape[1] + col] * self.carries[row, col][:, None]
         power = (carried**2).sum(axis=0)
-        return np.ascontiguousarray(carried[:, power > _MIN_MODE_POWER * max(float(power.max()), 1e-12)])
+        return np.ascontiguousarray(carried[:, power >= _MIN_MODE_POWER * power.max()])
 
     @cached_property
     def sticking_weights(self) -> Float32[Array, "n weights"]:

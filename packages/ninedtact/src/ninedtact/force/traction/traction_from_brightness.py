@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.force.hidden_twist import contact_extent
+from ninedtact.force.hidden_twist import pressure_rms_radii
 from ninedtact.force.traction.brightness_from_traction import (
     DeformedSkin,
     ForwardModel,
@@ -307,7 +307,7 @@ class UncertaintyModel:
         relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
         relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
-        extent = contact_extent(pressure, *forward.cells.coordinates_mm)
+        extent = pressure_rms_radii(pressure, *forward.cells.coordinates_mm)
         structure_nm = unresolved * self.torque_arm * abs(six[2]) * extent.radius_of_gyration_mm / 1e3
         twist_nm = extent.hidden_torque_nm(six[2])
         return covariance + np.diag([0, 0, 0, structure_nm**2, structure_nm**2, structure_nm**2 + twist_nm**2])

@@ -8,6 +8,7 @@ from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
 from ninedtact.studio.page_cards import (
     card_html,
+    followed_object_html,
     shape_summary_html,
     status_html,
     wrench_table_html,
@@ -53,6 +54,7 @@ class StatusPanel:
             )
         self._status = gui.add_html(status_html(WAITING_STATUS))
         self._figures = gui.add_html("")
+        self._object = gui.add_html("")
         self._freeze = gui.add_button(
             "Freeze", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
         )
@@ -67,7 +69,8 @@ class StatusPanel:
         """Show state, values and wrenches, and whether the moment is frozen."""
         self._show_freeze()
         if len(moment.sensors) > 1:
-            self._status.content, self._figures.content = sensor_group_status_html(moment.sensors), ""
+            self._status.content = sensor_group_status_html(moment.sensors)
+            self._figures.content = self._object.content = ""
             self._table.content = group_wrench_table_html(moment.sensors) if self._has_table else ""
             return
         (alone,) = moment.sensors
@@ -75,7 +78,8 @@ class StatusPanel:
         wrenches = alone.wrenches if self._has_table else ()
         self._table.content = wrench_table_html(wrenches, alone.status.is_past) if wrenches else ""
         if alone.view is not None:
-            self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past, alone.slip)
+            self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past)
+            self._object.content = followed_object_html(alone.followed, alone.status.is_past)
 
     def _toggle_freeze(self) -> None:
         self._viewer.toggle_freeze()

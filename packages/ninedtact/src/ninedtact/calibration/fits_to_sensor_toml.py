@@ -35,14 +35,14 @@ from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.calibration_press_models import BallPressParameters
 
 
-def make_lens_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
+def lens_to_toml_table(board: BoardFit, kind: LensKind) -> LensModelTable | PinMapTable:
     """Return the chosen lens as a table of `sensor.toml`."""
     if kind == "paper":
         return make_pin_map_table(board.published_map.projection)
     return make_lens_model_table(board.lens, None if board.correction is None else board.correction.correction)
 
 
-def make_depth_table(
+def depth_curve_to_toml_table(
     ball: BallFit, rectify: Rectification, reference: BgrImage, noise_grey_levels: float, smoothing: Smoothing
 ) -> DepthTable:
     """Return the calibrated depth as a table of `sensor.toml`. reference: the raw image of the skin before the ball."""
@@ -58,7 +58,7 @@ def make_depth_table(
     )
 
 
-def make_twin_table(fit: TwinFit, noise_grey_levels: float, board_press_fit: BoardPressFit | None) -> TwinTable:
+def twin_to_toml_table(fit: TwinFit, noise_grey_levels: float, board_press_fit: BoardPressFit | None) -> TwinTable:
     """Return the twin from the ball press, and from the board where its image agrees with the prediction."""
     return TwinTable(
         fit.gel,

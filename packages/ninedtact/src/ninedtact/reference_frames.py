@@ -1,0 +1,119 @@
+"""The images of a video or folder that show no contact, chosen by what changes in it."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray as Array
+
+from ninedtact.capture.frame_source import FrameSource, SourceEnded
+from ninedtact.errors import CameraError, FileFormatError, InputError
+from ninedtact.quantities import Frame
+from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL, REFERENCE_FRAMES
+from ninedtact.shape.lens_and_rectification import to_grey_float
+
+_CELLS = 24, 18
+"""Columns and rows to which images are reduced to be compared."""
+_STEADY_FRAMES = 3
+"""Images from which the noise of a sequence is known."""
+_STEADY_FACTOR, _STEADY_CHANGE = 4.0, 0.004
+"""Change from the images before, over that of the first images and relative to the brightness, up to which nothing has happened."""
+_TOUCHED_CHANGE = 0.02
+"""Relative change of a cell that only a contact makes."""
+_PRESSED_SKEWNESS = 3.0
+"""Skewness of the change from which the earlier of two images is the pressed one: its dent is a bright spot in the change. Bulges
+around wide objects gave up to 2.3 on simulated sensors, small dents −4."""
+
+
+@dataclass(frozen=True)
+class ReferenceFrames:
+    """The images of a sequence that are taken to show no contact."""
+
+    frames: tuple[Frame, ...]
+    notices: tuple[str, ...] = ()
+    """Sentences about them of which a reader should know."""
+
+
+def read_reference_frames(source: FrameSource, chosen: tuple[int, int] | None = None) -> ReferenceFrames:
+    """Return the reference images of a video or folder.
+
+    chosen: the first and the end of their numbers, counted from 0; None takes the first ones up to the first change, or the last
+    ones where the first show a contact. Raises `InputError` where there are none, and what the source raises before its first
+    image.
+    """
+    first, last = list[Frame](), deque[Frame](maxlen=REFERENCE_FRAMES)
+    start, end = (0, REFERENCE_FRAMES) if chosen is None else chosen
+    count = 0
+    with source:
+        try:
+            while chosen is None or count < end:
+                frame = source.read()
+                if start <= count < end:
+                    first.append(frame)
+                last.append(frame)
+                count += 1
+        except (SourceEnded, CameraError, FileFormatError):
+            if not count:
+                raise
+    if chosen is not None:
+        if len(first) < end - start:
+            raise InputError(
+                expected=f"reference images {start} to {end - 1} of {source.name}",
+                got=f"{count} images",
+                remedy="name earlier ones",
+            )
+        return ReferenceFrames(tuple(first))
+    return choose_reference_frames(first, list(last))
+
+
+def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> ReferenceFrames:
+    """Return the images at the beginning of a sequence until something changes, or those at its end where the beginning shows a
+    contact."""
+    beginning, ending = _steady(first), _steady(last[::-1])
+    change = _relative_change(_cells_of(ending), _cells_of(beginning))
+    centred = change - change.mean()
+    skewness = float((centred**3).mean()) / max(float((centred**2).mean()) ** 1.5, 1e-12)
+    if change.max() < _TOUCHED_CHANGE or skewness < _PRESSED_SKEWNESS:
+        return ReferenceFrames(beginning)
+    numbers = f"{ending[-1].index}:{ending[0].index + 1}"
+    notice = f"the first images show a contact that the last ones do not: images {numbers} are the reference"
+    return ReferenceFrames(ending, (notice,))
+
+
+def _steady(frames: Sequence[Frame]) -> tuple[Frame, ...]:
+    """Return the first frames, up to the one that differs from those before by more than these do among themselves."""
+    cells = [_cells_of([frame]) for frame in frames]
+    least = _STEADY_CHANGE
+    for count in range(1, len(frames)):
+        change = float(np.abs(_relative_change(cells[count], np.mean(cells[:count], axis=0))).max())
+        if count >= _STEADY_FRAMES and change > _STEADY_FACTOR * least:
+            return tuple(frames[:count])
+        if change > _TOUCHED_CHANGE:
+            return tuple(frames[:count])
+        least = max(least, change / _STEADY_FACTOR if count >= _STEADY_FRAMES else change)
+    return tuple(frames)
+
+
+def _cells_of(frames: Sequence[Frame]) -> Float32[Array, "cell_rows cell_cols"]:
+    """Return the mean brightness of images on cells."""
+    return np.asarray(
+        cv2.GaussianBlur(cv2.resize(mean_grey(frames), _CELLS, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+    )
+
+
+def mean_grey(frames: Sequence[Frame]) -> Float32[Array, "rows cols"]:
+    """Return the mean grey levels of images."""
+    return np.asarray(np.mean([to_grey_float(frame.image) for frame in frames], axis=0), np.float32)
+
+
+def _relative_change(
+    now: Float32[Array, "cell_rows cell_cols"], before: Float32[Array, "cell_rows cell_cols"]
+) -> Float32[Array, "cell_rows cell_cols"]:
+    """Return the change of brightness but for that of the whole; zero where it is dark, as in black borders."""
+    is_lit = before > MIN_LIT_GREY_LEVEL
+    ratio = now / np.maximum(before, 1)
+    level = max(float(np.median(ratio[is_lit])), 1e-3) if is_lit.any() else 1.0
+    return np.where(is_lit, ratio / level - 1, 0).astype(np.float32)

@@ -1,0 +1,55 @@
+"""The path on the page: that of a key on a twin is the true one, it is computed only while it is wanted, and begins anew."""
+
+import numpy as np
+import pytest
+
+from ninedtact.calibration.sensor_folder import SensorFolder
+from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
+from ninedtact.reading import Reading, read_frame
+from ninedtact.simulation.objects.catalogue import indenter_from_name
+from ninedtact.simulation.twin import Press
+from ninedtact.studio.followed_object import FollowedObject, ObjectFollower
+
+
+@pytest.fixture(scope="module")
+def turned_key(physical_sensor: SensorFolder) -> list[tuple[Press, Reading]]:
+    """A key that is pressed, then dragged by (0.6, 0.3) mm and turned by 12°."""
+    twin, shape, estimator = physical_sensor.twin(), physical_sensor.shape, physical_sensor.estimator("physics")
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(4)))
+    pressed, last = [], None
+    for number in range(7):
+        pose = Pose(-0.3 + 0.1 * number, 0.05 * number, 0.5, np.radians(2.0 * number))
+        last = twin.press(last, indenter_from_name("key_05"), pose)
+        frame = Frame(twin.renderer(last.corrected, number), (number + 1) * 10**8, number)
+        pressed.append((last, estimator.add_force(read_frame(frame, shape, reader))))
+    return pressed
+
+
+def test_path_and_turn_of_a_key_are_the_true_ones(turned_key: list[tuple[Press, Reading]]) -> None:
+    presses = {reading.stamp_ns: press for press, reading in turned_key}
+    follower = ObjectFollower(presses.get, is_wanted=True)
+    for _, reading in turned_key:
+        follower.add(reading)
+    found = follower.at(turned_key[-1][1].stamp_ns)
+    seen, true = found.seen, found.true
+    assert seen is not None and true is not None and len(seen.places_mm) == len(true.places_mm) == 7
+    assert np.degrees(true.turn_rad) == pytest.approx(12.0, abs=0.01)
+    assert np.linalg.norm(seen.places_mm - true.places_mm, axis=1).max() < 0.08
+    assert np.degrees(abs(seen.turn_rad - true.turn_rad)) < 1.0 and np.degrees(seen.turn_std_rad) < 1.5
+    assert 0 <= true.sticking_share <= 1
+    assert follower.at(turned_key[3][1].stamp_ns).stamp_ns == turned_key[3][1].stamp_ns
+
+
+def test_nothing_is_followed_while_nobody_looks_and_a_path_begins_when_somebody_does(
+    turned_key: list[tuple[Press, Reading]],
+) -> None:
+    follower = ObjectFollower(is_wanted=True)
+    follower.add(turned_key[0][1])
+    follower.is_wanted = False
+    follower.add(turned_key[1][1])
+    assert follower.at(0) == FollowedObject()
+    follower.is_wanted = True
+    follower.add(turned_key[5][1])
+    found = follower.at(turned_key[5][1].stamp_ns)
+    assert found.seen is not None and len(found.seen.places_mm) == 1 and found.true is None
