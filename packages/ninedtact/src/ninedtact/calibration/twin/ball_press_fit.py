@@ -222,7 +222,8 @@ def fit_twin_to_ball_press(
     if design.gel.has_rigid_base:  # by choice: a design without a layer that yields
         base = KnownBase(NEARLY_RIGID)
     elif base is None:
-        base, start = estimate_base(problem, start, prior_terms)
+        # The board leads to another fit, which starts here; it moves by less than half a standard deviation with the grid.
+        base, start = estimate_base(problem if initial else on_coarse_grid(problem), start, prior_terms)
         model_std = MODULUS_RATIO_MODEL_STD
     held = base.hold(prior_terms)
     start[BASE_INDEX] = max(base.modulus_ratio, NEARLY_RIGID)

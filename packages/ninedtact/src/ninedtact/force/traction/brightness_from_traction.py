@@ -117,7 +117,8 @@ class ForwardModel:
         waves = forward_transform(tractions, shape)
         height_mm = self._to_skin(waves, self._height_compliance)
         linear_mm = height_mm if gel.has_rigid_base else height_mm - self._to_skin(waves, self._interface_compliance)
-        stiffening = finite_strain_stiffening(height_mm, linear_mm, gel)
+        # An iteration far from the solution may press further than through the gel.
+        stiffening = finite_strain_stiffening(height_mm, np.maximum(linear_mm, np.float32(-gel.thickness_mm)), gel)
         added = forward_transform(tractions * (stiffening[:rows, :cols] - 1), shape)
         change_by_pressure_mm = self._to_skin(waves[:1], self.compliance[:1])
         tangential_mm = np.stack([self._to_skin(waves, each) for each in self._tangential_compliance])

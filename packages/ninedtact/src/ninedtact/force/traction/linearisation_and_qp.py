@@ -5,7 +5,7 @@ figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, less of it b
 indentation over the gel's thickness. Shear has the
 mean that keeps the skin under the pressure from spreading sideways, as friction does, and deviates from it by pressure times a
 smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.2 on each axis); the other varies over
-about two millimetres (0.15).
+about two millimetres (0.2).
 
 The quadratic programme of one linearisation has unknowns that must not be negative. It is solved exactly, by block principal
 pivoting: each bounded unknown is free, or held at zero. The free unknowns are solved for; then those that are negative are held,
@@ -131,8 +131,9 @@ class TractionPrior:
     correlation_mm: float = 1.9
     pull: float = 0.2
     """Standard deviation of the part of shear over pressure that is constant over the contact."""
-    spread: float = 0.15
-    """Standard deviation of the part of shear over pressure that varies over the contact."""
+    spread: float = 0.2
+    """Standard deviation of the part of shear over pressure that varies over the contact. A third more than the value found, for
+    what the modes cannot represent: with less, wide contacts are read too weak."""
     spread_mm: float = 2.0
     smooth_mm: float = 0.4
     """Length below which pressure varies less than exp(−r/ℓ) does, and standard deviation of the Gaussian that smooths it before it
