@@ -17,7 +17,7 @@ from figures import Figure, answer, at_least, at_most
 
 from ninedtact.mechanics import skin
 from ninedtact.mechanics.contact_model import SolverSettings
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact_train.batched.session_requests import RenderRequest, StepRequest, respond_on_cpu, send_to_session
 from ninedtact_train.dataset.generation.generate import generate_dataset, generate_file, make_simulated_sensor
 from ninedtact_train.dataset.generation.press_session import SimulatedPressSession

@@ -32,7 +32,7 @@ from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin_batch import TwinBatch
 from ninedtact_train.batched.depth_reading import BatchedDepthReader
 from ninedtact_train.batched.executor import BatchExecutor, run_sessions

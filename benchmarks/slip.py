@@ -30,7 +30,8 @@ from ninedtact.shape.calibrated_shape import DepthReader
 from ninedtact.simulation.object_motions import HZ, MOTION_KINDS, MotionSettings, TrueSlip, play_motion
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import Twin
 from ninedtact.tracking import ContactTracker, SlipEstimator, SlipSample, SlipState, TrackedContacts
 from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
 from ninedtact_train.population.real_sensor_twins import twins_of_real_fits

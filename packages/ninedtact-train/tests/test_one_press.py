@@ -20,10 +20,11 @@ from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.reading import Reading
+from ninedtact.simulation.press import Press
 from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
 from ninedtact.simulation.simulated_sources import NO_FORCE_TORQUE_ERRORS, SimulatedCamera, SimulatedForceTorque
 from ninedtact.simulation.trajectory import PRESS_SOLVER_SETTINGS, ScriptedPress, Trajectory, TrajectorySegment
-from ninedtact.simulation.twin import LOAD_TOLERANCE, Press, Twin, twin_from_design
+from ninedtact.simulation.twin import LOAD_TOLERANCE, Twin, twin_from_design
 from ninedtact_train.batched.executor import BatchExecutor
 from ninedtact_train.batched.session_requests import Device, RenderRequest, SimulatedSetup, StepRequest
 from ninedtact_train.population.sensor_population import (

@@ -20,7 +20,8 @@ from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.recording.reader import read_folder_files
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.twin import PoseOutOfView, Press
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import PoseOutOfView
 from ninedtact_train.batched import session_requests
 from ninedtact_train.batched.executor import BatchExecutor
 from ninedtact_train.batched.session_requests import Device, RenderRequest, StepRequest, choose_compute_device

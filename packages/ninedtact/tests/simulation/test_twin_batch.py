@@ -15,7 +15,8 @@ from ninedtact.mechanics.contact_result import NonPositiveLoad
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.objects.catalogue import generate_object
-from ninedtact.simulation.twin import Press, Twin, default_twin
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import Twin, default_twin
 from ninedtact.simulation.twin_batch import TwinBatch
 
 MANY, STEPS = 4, 6

@@ -8,7 +8,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact.studio.followed_object import FollowedObject, ObjectFollower
 
 

@@ -13,7 +13,7 @@ from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact.tracking import ContactTracker, SlipState
 
 Presser = Callable[[Indenter, Pose, Press | None, int], tuple[Press, Reading]]

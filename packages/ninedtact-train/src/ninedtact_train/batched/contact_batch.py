@@ -50,7 +50,7 @@ from ninedtact.mechanics.numpy_or_torch_arrays import (
 )
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact_train.batched.session_requests import (
     SimulatedSetup,
     StepRequest,

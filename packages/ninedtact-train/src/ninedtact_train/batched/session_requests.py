@@ -22,7 +22,8 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.cuda_graphs import forget_graphs
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import Twin
 from ninedtact_train.population.sensor_population import RectifiedRenderer, SampledSensor
 
 BrightnessFactor = Float32[Array, "rows cols"]

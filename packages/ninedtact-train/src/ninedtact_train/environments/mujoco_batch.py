@@ -21,8 +21,9 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
+from ninedtact.simulation.press import Press
 from ninedtact.simulation.renderer import BatchRenderer
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.twin import Twin
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder

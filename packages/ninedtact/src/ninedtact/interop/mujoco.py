@@ -27,7 +27,8 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import BgrImage, Frame, HeightMap, Wrench
 from ninedtact.required_libraries import require_libraries
 from ninedtact.simulation.ground_truth import true_height_map
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import Twin
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder

@@ -12,8 +12,9 @@ import numpy as np
 from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
+from ninedtact.simulation.press import Press
 from ninedtact.simulation.trajectory import HOVER_MM
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.twin import Twin
 
 STEP_DEPTH_MM, STEP_DRAG_MM, STEP_TURN_RAD, STEP_LOAD_N = 0.3, 0.3, np.radians(4.0), 3.0
 """The longest changes of one step; those of a scripted press, and less in depth because the object may be dragged meanwhile."""

@@ -13,8 +13,9 @@ import numpy as np
 
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
+from ninedtact.simulation.press import Press
 from ninedtact.simulation.trajectory import HOVER_MM
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.twin import Twin
 
 HZ = 60.0
 """Images per second."""

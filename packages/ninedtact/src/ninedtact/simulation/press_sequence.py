@@ -1,4 +1,4 @@
-"""A twin that objects press one after the other, and the clock that its simulated sources share.
+"""The clock of a twin that objects press one after the other, which its simulated sources share (`Twin.press` presses them).
 
 `PressSequence` solves its steps when a source needs them: the camera, the force/torque sensor and the ground truth of one
 simulation agree with each other. `SampleTimer` gives the moments at which a source samples.
@@ -21,8 +21,9 @@ from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Indenter
 from ninedtact.simulation.hand_moved_object import SimulatedHand
+from ninedtact.simulation.press import Press
 from ninedtact.simulation.trajectory import Trajectory
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.twin import Twin
 
 
 @dataclass

@@ -37,8 +37,9 @@ from ninedtact.mechanics.normal_contact import ContactConstraint
 from ninedtact.mechanics.numpy_or_torch_arrays import drop_grid_axes, max_over_grid, to_numpy
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import ScalarField
+from ninedtact.simulation.press import Press
 from ninedtact.simulation.renderer import BatchRenderer, Renderer
-from ninedtact.simulation.twin import Press, Twin
+from ninedtact.simulation.twin import Twin
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact.tracking import ContactTracker, RigidMotion, SlipEstimate, TrackedContacts
 
 SEEN_TURN_RAD = np.radians(45)

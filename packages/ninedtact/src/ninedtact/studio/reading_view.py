@@ -23,7 +23,7 @@ from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.orthorectification import find_pixels_of_skin_places, sample_field
 from ninedtact.shape.surface import ShapeSummary, point_cloud, sightline_scale, triangulate_view
 from ninedtact.simulation.pixel_to_skin_map import grid_indices_at_positions, sample_periodic
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact.studio.skin_fields import (
     SkinTractions,
     colourise_magnitudes,

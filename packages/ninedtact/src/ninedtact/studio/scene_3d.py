@@ -21,7 +21,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.quantities import Wrench
 from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.surface import triangulate_view
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 from ninedtact.studio.followed_object import FollowedObject
 from ninedtact.studio.reading_view import LIGHT_DIRECTION, SkinSurface
 

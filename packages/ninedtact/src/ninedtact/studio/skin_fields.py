@@ -16,7 +16,7 @@ from ninedtact.mechanics.numpy_or_torch_arrays import to_numpy
 from ninedtact.quantities import HeightMap, Traction, centred_axis_mm
 from ninedtact.shape.coloured_height_map import round_up_to_1_2_5
 from ninedtact.simulation.ground_truth import resample_skin_field, true_pressure_map_mpa, true_shear_map_mpa
-from ninedtact.simulation.twin import Press
+from ninedtact.simulation.press import Press
 
 EVERY_PX = 2
 LEAST_MPA = 0.005

@@ -22,7 +22,8 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.quantities import NO_OBJECT
 from ninedtact.simulation.objects.catalogue import indenter_from_name, mesh_file_of_name
-from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView, Press
+from ninedtact.simulation.press import Press
+from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView
 from ninedtact_train.batched.session_requests import RenderRequest, RequestGenerator, SimulatedSetup, StepRequest
 from ninedtact_train.collecting.training_pair_rule import SamplingRule
 from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings, PressTarget
