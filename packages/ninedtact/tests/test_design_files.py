@@ -8,7 +8,7 @@ import pytest
 
 from ninedtact.cli import main
 from ninedtact.cli.calibrate import CalibrateCommand
-from ninedtact.cli.demo import Demo
+from ninedtact.cli.demo import DemoCommand
 from ninedtact.design import (
     Gel,
     SensingArea,
@@ -108,4 +108,4 @@ def test_calibrate_and_demo_take_a_design(tmp_path: Path) -> None:
     assert CalibrateCommand(out=tmp_path, design_file=path, ball_radius_mm=3.0).resolved_design.ball.radius_mm == 3.0
     with pytest.raises(InputError, match="both"):
         _ = CalibrateCommand(out=tmp_path, design_file=path, design=SensorDesign(gel=Gel(3.0))).resolved_design
-    assert Demo(design_file=path).twin.gel.thickness_mm == OURS.gel.thickness_mm
+    assert DemoCommand(design_file=path).twin.gel.thickness_mm == OURS.gel.thickness_mm

@@ -20,7 +20,7 @@ from ninedtact.calibration.drift.reference_check import describe_new_contact, lo
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.cli import main
-from ninedtact.cli.estimate import Estimate
+from ninedtact.cli.estimate import EstimateCommand
 from ninedtact.errors import InputError
 from ninedtact.force.contact_detection import detect_contact
 from ninedtact.force.estimator_and_scale import ForceEstimator, unknown_wrench_estimate
@@ -316,7 +316,7 @@ def test_the_twin_of_the_sensor_is_estimated_and_not_that_of_the_published_desig
         with source:
             return np.asarray(source.read().image)
 
-    shown = first_image(Estimate(("sim",)).open_on_source(physical_sensor).source)
+    shown = first_image(EstimateCommand(("sim",)).open_on_source(physical_sensor).source)
     assert (shown == first_image(ninedtact.source_for("sim", sensor=physical_sensor))).all()
     assert (shown != first_image(ninedtact.source_for("sim"))).any()
 

@@ -34,7 +34,7 @@ from ninedtact.capture.frame_source import (
     SourceNotOpen,
 )
 from ninedtact.capture.uvc_camera import CameraDevice, UvcCamera, list_cameras
-from ninedtact.cli.doctor import EXTRAS, Doctor, camera_lines
+from ninedtact.cli.doctor import EXTRAS, DoctorCommand, camera_lines
 from ninedtact.errors import CameraError, InputError
 
 ROOT = Path(__file__).parents[4]
@@ -246,10 +246,10 @@ def test_a_camera_that_stops_is_not_called_unplugged_while_it_is_there() -> None
 
 
 def test_no_camera_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
-    assert Doctor().run() == 0
+    assert DoctorCommand().run() == 0
     words = capsys.readouterr().out
     assert "cameras" in words and "opencv" in words and "optional parts" in words
-    assert Doctor(json=True).run() == 0
+    assert DoctorCommand(json=True).run() == 0
     report = json.loads(capsys.readouterr().out)
     assert set(report) == {"versions", "cameras", "extras"}
     assert {"ninedtact", "python", "opencv", "numpy"} <= set(report["versions"])
@@ -265,13 +265,13 @@ def test_a_recording_is_named_as_one_and_a_wrong_source_fails(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 8, 3), np.uint8))
-    assert Doctor(str(tmp_path)).run() == 0
+    assert DoctorCommand(str(tmp_path)).run() == 0
     assert "8 x 6 pixels, a recording at 10 images per second" in capsys.readouterr().out
     (tmp_path / "a.png").unlink()
-    assert Doctor(str(tmp_path), json=True).run() == 1
+    assert DoctorCommand(str(tmp_path), json=True).run() == 1
     assert "got none" in json.loads(capsys.readouterr().out)["cameras"][0]["trouble"]
     with pytest.raises(InputError, match="expected a camera"):
-        Doctor("nonsense").run()
+        DoctorCommand("nonsense").run()
 
 
 def test_a_damaged_file_is_named_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -280,22 +280,22 @@ def test_a_damaged_file_is_named_as_one(tmp_path: Path, capsys: pytest.CaptureFi
     for level in range(30):
         writer.write(np.full((48, 64, 3), 5 * level, np.uint8))
     writer.release()
-    assert Doctor(str(video), json=True).run() == 0
+    assert DoctorCommand(str(video), json=True).run() == 0
     assert json.loads(capsys.readouterr().out)["cameras"][0]["trouble"] is None
     content = video.read_bytes()
     video.write_bytes(content[: len(content) // 2])
-    assert Doctor(str(video)).run() == 1
+    assert DoctorCommand(str(video)).run() == 1
     said = capsys.readouterr().out
     assert "64 x 48 pixels, a recording at 30 images per second" in said
     assert f"expected every image of {video}, got a file that is cut or damaged: " in said
     folder.mkdir()
     for number in range(3):
         cv2.imwrite(str(folder / f"{number}.png"), np.full((48, 64, 3), number, np.uint8))
-    assert Doctor(str(folder), json=True).run() == 0
+    assert DoctorCommand(str(folder), json=True).run() == 0
     whole = (folder / "1.png").read_bytes()
     (folder / "1.png").write_bytes(whole[:-20])
     capsys.readouterr()
-    assert Doctor(str(folder), json=True).run() == 1
+    assert DoctorCommand(str(folder), json=True).run() == 1
     assert "1.png" in json.loads(capsys.readouterr().out)["cameras"][0]["trouble"]
 
 

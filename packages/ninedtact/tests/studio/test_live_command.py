@@ -13,7 +13,7 @@ import pytest
 from small_sensor import image_folder, sensor_folder
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged
-from ninedtact.cli.live import Live
+from ninedtact.cli.live import LiveCommand
 from ninedtact.cli.shared_options import PageAddressOptions
 from ninedtact.errors import InputError
 
@@ -55,10 +55,10 @@ def test_nothing_heavy_is_loaded_before_it_runs() -> None:
 def test_bad_options_are_refused_before_any_camera_is_touched(tmp_path: Path, images: Path) -> None:
     folder = sensor_folder(tmp_path / "small")
     with pytest.raises(SensorFolderDamaged, match="expected a sensor folder"):
-        Live((str(images),), (str(tmp_path / "none"),)).run()
+        LiveCommand((str(images),), (str(tmp_path / "none"),)).run()
     with pytest.raises(InputError, match="which is none of these"):
-        Live(("nothing",), (str(folder),)).run()
+        LiveCommand(("nothing",), (str(folder),)).run()
     with pytest.raises(InputError, match="above 0 and at most 120, got 0;"):
-        Live((str(images),), (str(folder),), display_hz=0).run()
+        LiveCommand((str(images),), (str(folder),), display_hz=0).run()
     with pytest.raises(InputError, match="got 'robot';"):
-        Live((str(images),), (str(folder),), address=PageAddressOptions(allow_origin=("robot",))).run()
+        LiveCommand((str(images),), (str(folder),), address=PageAddressOptions(allow_origin=("robot",))).run()

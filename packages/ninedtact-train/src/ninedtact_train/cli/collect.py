@@ -169,7 +169,7 @@ def _missing_line(counts: "SavedPairCounts") -> str:
 
 
 @dataclass(frozen=True)
-class Collect:
+class CollectCommand:
     """Collect training pairs: press, drag and twist objects by hand.
 
     A pair of image and wrench is saved automatically whenever its wrench differs from all that were saved in the same contact.

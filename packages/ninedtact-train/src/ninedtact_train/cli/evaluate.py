@@ -22,7 +22,7 @@ _PREDICTIONS_OPTIONS = ("predictions_about_mm", "distribution", "trust_units")
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class EvaluateCommand:
     """Evaluate predicted wrenches by the paper's scores and more, beside the published network's: predictions in a file, or an
     estimator on a data set."""
 

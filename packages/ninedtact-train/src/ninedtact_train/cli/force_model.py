@@ -74,7 +74,7 @@ class _MakeForceModel:
         return print_result(self.json, figures, _format_made_model(made))
 
 
-Model = (
+ModelCommand = (
     Annotated[_ShowModelCard, tyro.conf.subcommand("card")] | Annotated[_MakeForceModel, tyro.conf.subcommand("make")]
 )
 

@@ -41,7 +41,7 @@ _PresetChanges: Any = make_dataclass(
 
 
 @dataclass(frozen=True)
-class Train:
+class TrainCommand:
     """Train a force model on a data set. Run again after a stop, it continues after the last complete epoch."""
 
     data: Path

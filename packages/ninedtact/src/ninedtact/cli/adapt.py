@@ -29,7 +29,7 @@ _TURNED_DEG = 5.0
 
 
 @dataclass(frozen=True)
-class Adapt:
+class AdaptCommand:
     """Calibrate the force of a sensor with presses whose load is known, from images, a recording, or on a page that guides.
 
     A kitchen scale is enough: put the sensor on it, take an image without contact, set the scale to zero, then press with something

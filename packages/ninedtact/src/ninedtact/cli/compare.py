@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Compare:
+class CompareCommand:
     """Put calibrated sensors side by side: scale, lens, light, depth curve, noise, gel and force.
 
     A line is marked with * where two sensors differ by more than twice the error of their difference. Without an error there is no

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Demo:
+class DemoCommand:
     """Show a simulated sensor in the browser, pressed by hand or by a sequence of objects, with its true and its estimated wrench.
 
     Without a terminal it stops after one round.

@@ -47,7 +47,7 @@ EXTRAS = {
 
 
 @dataclass(frozen=True)
-class Doctor:
+class DoctorCommand:
     """List cameras, measure their true frame rate, and report what is missing and how to install it."""
 
     source: str | None = None

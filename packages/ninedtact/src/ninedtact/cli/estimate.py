@@ -34,7 +34,7 @@ COLUMNS = ("Fx_N", "Fy_N", "Fz_N", "Tx_Nm", "Ty_Nm", "Tz_Nm", "eFx", "eFy", "eFz
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EstimateCommand:
     """Estimate the six-axis force on the skin from images, a video or a recording. Live: ninedtact live --force."""
 
     source: tyro.conf.Positional[tuple[str, ...]]

@@ -43,7 +43,7 @@ MAX_SENSORS = 4
 
 
 @dataclass(frozen=True)
-class Live:
+class LiveCommand:
     """Show sensors live in the browser: camera image, heights, 3D surface, wrench, rates. Ctrl-C ends it.
 
     A twin is shown with its true wrench. Several sensors are shown on one page, with the grip force of each two in their order.
@@ -108,7 +108,7 @@ class Live:
 
 
 @dataclass(frozen=True)
-class Play:
+class PlayCommand:
     """Show a recording in the browser: its time on a slider, frame by frame, at any speed; labels, and exports. Ctrl-C ends it."""
 
     recording: Annotated[Path, tyro.conf.Positional]

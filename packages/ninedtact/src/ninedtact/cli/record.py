@@ -52,7 +52,7 @@ _BAR_DELAY_S = 0.3
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordCommand:
     """Record a sensor: images without loss, measured wrenches, and heights and forces on request. Ctrl-C ends it properly.
 
     The sensor folder is attached to the recording. Several sensors are recorded at once into one file, with stamps of one clock; a

@@ -25,7 +25,7 @@ _REPAIRED = f"This is the whole copy of a file that was cut short. {_MISSING_RES
 
 
 @dataclass(frozen=True)
-class Info:
+class InfoCommand:
     """Print what is in a recording: topics, rates, drops, gaps, pairs. To watch it: ninedtact live --source FILE.
 
     Images and other messages are not checked for damage, which takes minutes for a large file; `ninedtact export` checks them.
@@ -156,7 +156,7 @@ def _load_lerobot_exporter() -> Callable[..., dict[str, int]]:
 
 
 @dataclass(frozen=True)
-class Export:
+class ExportCommand:
     """Export a recording: images as PNG, wrenches, pairs, labels and times as CSV, heights as .npy, and the sensor folder."""
 
     recordings: tyro.conf.Positional[tuple[Path, ...]]

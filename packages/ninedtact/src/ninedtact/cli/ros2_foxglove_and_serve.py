@@ -89,7 +89,7 @@ SharedOptions = Annotated[SharedSensorOptions, tyro.conf.arg(name="")]
 
 
 @dataclass(frozen=True)
-class Ros2:
+class Ros2Command:
     """Publish a sensor on ROS 2 topics; ROS need not be installed. Ctrl-C ends it.
 
     Topics: image_raw, image_raw/compressed, camera_info, height, points, wrench_estimated, wrench_covariance, wrench_measured,
@@ -205,7 +205,7 @@ def _publish_together(sensors: "list[SensorOnRos2]", until: StopSignal) -> None:
 
 
 @dataclass(frozen=True)
-class Foxglove:
+class FoxgloveCommand:
     """Show a sensor in Foxglove: camera, heights, 3D surface, wrench with errors, warnings. Ctrl-C ends it.
 
     In Foxglove choose "Open connection", "Foxglove WebSocket" and the printed address, and import the layout that --layout writes.
@@ -255,7 +255,7 @@ class Foxglove:
 
 
 @dataclass(frozen=True)
-class Serve:
+class ServeCommand:
     """Serve readings to programs in any language: JSON lines over TCP, and over WebSocket for browsers. Ctrl-C ends it.
 
     docs/streaming.md has clients in Python, C++ and JavaScript. A slow client misses readings; it never delays the sensor.

@@ -278,7 +278,7 @@ def _encode_npy(field: "np.ndarray") -> bytes:
     return buffer.getvalue()
 
 
-Simulate = (
+SimulateCommand = (
     Annotated[_Fit, tyro.conf.subcommand("fit")]
     | Annotated[_Press, tyro.conf.subcommand("press")]
     | Annotated[_Objects, tyro.conf.subcommand("objects")]

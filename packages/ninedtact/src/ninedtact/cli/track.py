@@ -34,7 +34,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Track:
+class TrackCommand:
     """Follow the object that touches: its path and turn since it touched first, with errors, and its slip, one line for each image.
 
     What cannot be seen has an error that says so: the turn of a ball, for example, ±115°.
