@@ -17,7 +17,7 @@ def test_loads_are_right_from_light_presses_to_deep_ones(radius_mm: float, physi
     estimator = physical_sensor.estimator("physics", with_force_scale=False)
     depth_reader = shape.depth_reader(*(Frame(twin.renderer(None, -number)) for number in range(1, 9)))
     last = None
-    for depth_mm in (0.5, 0.8, 1.1, 1.4):
+    for depth_mm in (0.5, 0.8, 1.1, 1.4, 1.8):
         last = twin.press(last, Ball(radius_mm), Pose(0.7, -0.4, depth_mm))
         estimator.forget()
         found = estimator.estimate(read_frame(Frame(twin.renderer(last.corrected, 1)), shape, depth_reader))
