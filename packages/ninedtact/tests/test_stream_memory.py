@@ -59,7 +59,9 @@ def test_noise_over_the_view_is_learnt_and_a_light_contact_is_not() -> None:
     assert learner.memory.learnt_s == pytest.approx(11)
     threshold = ContactThreshold()
     learnt = replace(reading_of(SKIN), stream=learner.memory)
-    assert correlated_noise_limit(learnt, threshold) == pytest.approx(threshold.stream_noises * learner.memory.noise)
+    memory = learner.memory
+    assert 1.5 * memory.noise < memory.darkening < 4 * memory.noise
+    assert correlated_noise_limit(learnt, threshold) == pytest.approx(threshold.learnt_darkenings * memory.darkening)
 
 
 def test_a_faint_contact_is_found_at_the_third_image_where_every_image_has_new_noise() -> None:

@@ -64,6 +64,8 @@ class StreamMemory:
 
     noise: float = 0.0
     """Largest noise of images without contact, after smoothing over a millimetre, relative to the brightness."""
+    darkening: float = 0.0
+    """Largest darkening of images without contact, smoothed and relative alike; zero where none was looked at."""
     learnt_s: float = 0.0
     """Time over which the noise was learnt."""
     flicker: Flicker | None = None

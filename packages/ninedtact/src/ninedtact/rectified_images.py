@@ -59,12 +59,12 @@ def _with_learnt_threshold(estimator: TractionForce, sensor: Sensor, references:
     reader = sensor.references.in_use
     assert reader is not None
     readings = [read_frame(frame, sensor.shape, reader, stream=sensor.references.memory) for frame in references]
-    threshold = ContactThreshold(stream_noises=ContactThreshold().reference_noises, learnt_after_s=0.0)
+    threshold = ContactThreshold(learnt_after_s=0.0)
     for _ in range(_THRESHOLDS):
         found = replace(estimator, contact_region=ContactRegionSettings(threshold))
         if not any(found.estimate(reading).touching for reading in readings):
             return found
-        threshold = replace(threshold, stream_noises=_RAISE * threshold.stream_noises)
+        threshold = replace(threshold, reference_noises=_RAISE * threshold.reference_noises)
     return replace(estimator, contact_region=ContactRegionSettings(threshold))
 
 

@@ -13,7 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.force.contact_detection import FAINT_IMAGES, measure_darkening_on_cells, measure_smooth_noise
+from ninedtact.force.contact_detection import (
+    FAINT_IMAGES,
+    measure_darkening_and_limit,
+    measure_darkening_on_cells,
+    measure_smooth_noise,
+)
 from ninedtact.quantities import Frame
 from ninedtact.reading import CellNoise, Flicker, Reading, StreamMemory, read_frame
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
@@ -57,10 +62,15 @@ class StreamLearner:
         noise = measure_smooth_noise(reading)
         if noise == self._noise_of_last:
             return  # video codecs repeat an image as long as it changes little, which says nothing of the next one
-        faded = self.memory.noise * np.exp(-gap_s / _FADING_S)
-        learnt_s = self.memory.learnt_s + min(gap_s, 1.0)
-        cell_noise = self._learn_cells()
-        self.memory = replace(self.memory, noise=max(noise, float(faded)), learnt_s=learnt_s, cell_noise=cell_noise)
+        darkening, _ = measure_darkening_and_limit(reading)
+        left = float(np.exp(-gap_s / _FADING_S))
+        self.memory = replace(
+            self.memory,
+            noise=max(noise, left * self.memory.noise),
+            darkening=max(darkening, left * self.memory.darkening),
+            learnt_s=self.memory.learnt_s + min(gap_s, 1.0),
+            cell_noise=self._learn_cells(),
+        )
         self._noise_ns, self._noise_of_last = reading.stamp_ns, noise
 
     def remember(self, reading: Reading) -> None:

@@ -40,9 +40,10 @@ class ContactThreshold:
     """Relative darkening below which no contact is detected, because a reference image is no more accurate than that."""
     reference_noises: float = 3.0
     """Threshold in noises (`StreamMemory.noise`) of the reference images."""
-    stream_noises: float = 6.0
-    """Threshold in noises of the stream, once it is known. The largest darkening in hours of compressed images without contact was
-    4.8 (`benchmarks/changing_light.py`)."""
+    learnt_darkenings: float = 1.4
+    """Threshold in darkenings of the stream (`StreamMemory.darkening`), once they are known."""
+    least_and_most_noises: tuple[float, float] = (2.0, 6.0)
+    """The least and the most that this may be, in noises: a contact that is too light to be detected darkens without noise."""
     learnt_after_s: float = 10.0
     """Time from which the noise of the stream is known and replaces the bound from the grey levels."""
     faint_stds: float = 3.75
@@ -145,8 +146,12 @@ def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> flo
     as that of blocks of compression, is estimated from them.
     """
     stream = reading.stream
+    learnt = threshold.reference_noises * stream.noise
+    if stream.darkening > 0:
+        least, most = (noises * stream.noise for noises in threshold.least_and_most_noises)
+        learnt = float(np.clip(threshold.learnt_darkenings * stream.darkening, least, most))
     if stream.learnt_s >= threshold.learnt_after_s:
-        return threshold.stream_noises * stream.noise
+        return learnt
     level = max(float(reading.reference.grey[::_NOISE_EVERY_ROWS].mean()), 1.0)
     noise_levels = _INTERPOLATED * _estimate_pixel_noise(reading.rectified.grey, reading.reference.grey) * level
     rounding = float(np.exp(-2 * (np.pi * noise_levels) ** 2)) / level
@@ -156,7 +161,6 @@ def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> flo
     rows, cols = signal.shape
     coarse = np.asarray(cv2.resize(signal, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA))
     noise = min(2 * estimate_cell_noise(coarse), _MAX_NOISE)
-    learnt = threshold.reference_noises * stream.noise
     return max(learnt, rounding, float(_noise_limit(noise, threshold.noise_stds, 0.0, _SMOOTHING_CELLS)))
 
 
