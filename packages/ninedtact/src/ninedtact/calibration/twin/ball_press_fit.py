@@ -222,7 +222,7 @@ def fit_twin_to_ball_press(
     if design.gel.has_rigid_base:  # by choice: a design without a layer that yields
         base = KnownBase(NEARLY_RIGID)
     elif base is None:
-        # The board leads to another fit, which starts here; it moves by less than half a standard deviation with the grid.
+        # The board leads to another fit, which starts here; the grid moves it by less than its error.
         base, start = estimate_base(problem if initial else on_coarse_grid(problem), start, prior_terms)
         model_std = MODULUS_RATIO_MODEL_STD
     held = base.hold(prior_terms)
