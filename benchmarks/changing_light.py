@@ -73,6 +73,12 @@ def hair(image: Image) -> Image:
     return image * np.where(line > 0, 0.5, 1.0).astype(np.float32)[..., None]
 
 
+def gradient(image: Image, amplitude: float) -> Image:
+    """One side brighter and the other dimmer."""
+    across = np.linspace(-1, 1, image.shape[1], dtype=np.float32)
+    return image * np.exp(np.float32(amplitude) * across)[:, None]
+
+
 def gamma(image: Image, exponent: float) -> Image:
     return np.asarray(255 * (image / np.float32(255)) ** exponent)
 
@@ -93,6 +99,7 @@ PRESSES: dict[str, Callable[[Image], Image]] = {
     "gain × 1.05": lambda image: image * np.float32(1.05),
     "gain × 0.95": lambda image: image * np.float32(0.95),
     "gamma 0.9": partial(gamma, exponent=0.9),
+    "gradient ±2 %": partial(gradient, amplitude=0.02),
     "bands ±0.5 %": partial(bands, at_s=0.1, amplitude=0.005),
     "bands ±4 %": partial(bands, at_s=0.1, amplitude=0.04),
     "speck": partial(speck, at_s=9),
@@ -181,7 +188,7 @@ def changing_light(
             one for name, folder in folders.items() for one in of_streams(name, folder, hours, presses, load_n, kinds)
         ]
         if not streams:
-            figures += of_presses(folders, quick)
+            figures += [*of_presses(folders, quick), *of_references(folders)]
     answer("Light that changes", figures, json)
 
 
@@ -289,6 +296,17 @@ def press_cases(name: str, folder: SensorFolder, count: int) -> Iterator[tuple[S
     for load_n in (1.0, 3.0, 6.0)[:count]:
         for number, image in enumerate(press_images(folder, load_n, count)):
             yield folder, noise.add_to(reference, number), noise.add_to(image, number + 50)
+
+
+def of_references(sensors: dict[str, SensorFolder]) -> Iterator[Figure]:
+    """Yield whether something touches where one reference image of a real sensor is measured against another of another time."""
+    for name in (name for name in sensors if name.startswith("sensor")):
+        images, folder, touched = calibration_images(name), sensors[name], 0
+        pair = np.asarray(images.board_reference), np.asarray(images.ball_reference)
+        for before, after in (pair, pair[::-1]):
+            reading = read_frame(Frame(after), folder.shape, folder.shape.depth_reader(Frame(before)))
+            touched += is_touched(folder.estimator("physics").add_force(reading))
+        yield at_most(f"{name}: contacts in two reference images of other times", touched, 0)
 
 
 def compare_press(

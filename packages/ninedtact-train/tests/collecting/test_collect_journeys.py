@@ -114,7 +114,7 @@ def test_pairs_are_collected_on_a_twin_under_a_scripted_hand(
     assert by_rule[:, 2].max() < -0.25 and by_rule[:, 2].min() < -1
     for pair in pairs:
         change = cv2.blur(pair.image - np.mean(pair.reference.images, axis=0), (15, 15))
-        assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.3)
+        assert (change.min() < -2) == (pair.wrench.force_n[2] < -0.25)
     figures = told(capsys, "info", out)
     assert figures["purpose"] == "collect" and figures["pairs"] == found["kinds"]
 
