@@ -3,6 +3,7 @@ the simplest sources, image files by a list or a folder.
 
 A source stamps each frame on arrival (monotonic clock) and counts its own frames. Reading blocks; the longest wait is a setting
 of each source, because only its driver can enforce a limit. `frame_pacing.LatestFrameSource` enforces a limit over any source.
+A new camera is a subclass of `AddressedFrameSource`, listed in `source_from_address`.
 """
 
 import re

@@ -1,6 +1,6 @@
 """A press on a twin: an object in the skin, with the contact as it was solved and as the gel acts, and what it measures.
 
-`Twin.press` makes it, from the press before and a pose or a load; that is the one place where an object is pressed into a gel.
+`twin.Twin.press` makes it, from the press before and a pose or a load: the one place where an object is pressed into a gel.
 """
 
 from collections.abc import Sequence

@@ -3,6 +3,8 @@
 ball:4                          primitives with their dimensions in mm and degrees
 gear_07                         generated objects, by family and number
 part.stl, part.stl@in@+x        mesh files, with unit, side that faces the skin, scale (@0.5) or size to fit (@fit:16)
+
+A new family is one entry in the table of `solids`, `machine_parts`, `lettering`, `surface_textures` or `household_objects`.
 """
 
 import re
