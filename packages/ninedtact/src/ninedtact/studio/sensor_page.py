@@ -1,4 +1,4 @@
-"""The live page of sensors: one page for each browser, made of the same panels. A new panel (`viewer.Panel`) is one more of them."""
+"""The live page of sensors: one page for each browser, made of the same panels; a new panel (`viewer.Panel`) is one more."""
 
 from collections.abc import Sequence
 from functools import partial
