@@ -69,6 +69,8 @@ class Running:
     status: DdsReader
     sentences: list[str]
     """What a terminal is told."""
+    stop: Callable[[], None]
+    """Ends the thread that reads and publishes; a test may publish readings of its own then."""
 
     def statuses(self, reader: DdsReader | None = None) -> list[dict[str, Any]]:
         texts = [type_store().deserialize_cdr(cdr, STRING_TYPE).data for cdr in (reader or self.status).take()]
@@ -108,15 +110,19 @@ def sensor_on_ros2(
         shared = SensorOnRos2(sensor, messages, participant, profiles, out, measured, "of the bench", sentences.append)
         thread = Thread(target=shared.run, args=(over.is_set,))
         thread.start()
+
+        def stop() -> None:
+            over.set()
+            thread.join()
+
         writer = participant.writer("/small/command", STRING_TYPE, QosProfile.RELIABLE)
         status = participant.reader("/small/status", STRING_TYPE, QosProfile.LATCHED)
         try:
             wait_until(lambda: shared.published > 0 and writer.has_subscribers)
             command = lambda text: writer.write(encode_message(STRING_TYPE, data=text))  # noqa: E731
-            yield Running(participant, camera, shared, command, status, sentences)
+            yield Running(participant, camera, shared, command, status, sentences, stop)
         finally:
-            over.set()
-            thread.join()
+            stop()
 
 
 def test_cyclones_tools_list_the_topics_with_their_types_and_print_messages(tmp_path: Path) -> None:
@@ -178,6 +184,7 @@ def test_contacts_slip_and_the_frame_of_the_object_arrive(tmp_path: Path, physic
         contacts, slip = (make(f"/small/{topic}", STRING_TYPE, QosProfile.RELIABLE) for topic in (CONTACTS, SLIP))
         frames = make(TF, TF_TYPE, QosProfile.RELIABLE)
         found: dict[str, bytes] = {}
+        running.stop()
 
         def arrives(name: str, reader: Any) -> bool:
             running.shared.publish(key)
