@@ -6,7 +6,7 @@ see in training what the sensor will show it. Not done is what only a camera nee
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -15,10 +15,11 @@ import torch
 from jaxtyping import Float32, Shaped, UInt8
 from torch.nn import functional
 
+from ninedtact.design import Gel
 from ninedtact.errors import InputError
 from ninedtact.mechanics import base_deflection as base
 from ninedtact.mechanics.finite_strain import finite_strain_stiffening
-from ninedtact.mechanics.skin import padded_grid
+from ninedtact.mechanics.skin import PeriodicGrid, padded_grid
 from ninedtact.quantities import HeightSource
 from ninedtact.shape import deblurring as blur
 from ninedtact.shape import depth
@@ -80,9 +81,9 @@ class BatchedDepthReader:
         """Return the brightness relative to the reference image on the coarser grid, without lost and scattered light."""
         ratio = _block_means(grey, self._coarseness) * self._per_coarse_reference
         loss = ratio.new_zeros(len(ratio), 1, 1)
-        for _ in range(depth._DIMMING_ITERATIONS if self.reader.loss.global_dimming else 0):
+        for _ in range(depth.DIMMING_ITERATIONS if self.reader.loss.global_dimming else 0):
             darkening = 1 - ratio / (1 + loss)
-            noticed = darkening * (darkening > depth._MIN_DARKENING)
+            noticed = darkening * (darkening > depth.MIN_DARKENING)
             loss = -self.reader.loss.global_dimming * noticed.mean((1, 2), keepdim=True)
         return self._deblurred(ratio / (1 + loss))
 
@@ -96,7 +97,7 @@ class BatchedDepthReader:
         data = torch.fft.rfft2(padded) * spread
         sharp = torch.fft.irfft2(data * inverse, s=(tall, wide))
         kept = padded.new_zeros(2, *padded.shape)
-        for _ in range(blur._ITERATIONS):
+        for _ in range(blur.EDGE_ITERATIONS):
             gradient = torch.stack([sharp.roll(-1, axis) - sharp for axis in (1, 2)]) + kept
             kept = gradient * (threshold / gradient.square().sum(0).sqrt().clamp(min=threshold))
             edges = gradient - 2 * kept
@@ -117,12 +118,12 @@ class BatchedDepthReader:
             return torch.zeros_like(thickness_change_mm)
         rows, cols = thickness_change_mm.shape[1:]
         mm_per_px = self.reader.reference.mm_per_px * self._coarseness
-        side = max(round(base._PITCH_MM / mm_per_px), 1)
+        side = max(round(base.DEFLECTION_PITCH_MM / mm_per_px), 1)
         few = _block_means(thickness_change_mm, side)
         pitch_mm, (few_rows, few_cols) = side * mm_per_px, few.shape[1:]
-        grid = padded_grid(few_cols * pitch_mm, few_rows * pitch_mm, pitch_mm, base._MARGIN_MM)
+        grid = padded_grid(few_cols * pitch_mm, few_rows * pitch_mm, pitch_mm, base.DEFLECTION_MARGIN_MM)
         padded = functional.pad(few, (0, grid.cols - few_cols, 0, grid.rows - few_rows))
-        waves = _DeviceWaves.of(base._held_skin_waves(grid, deflection.gel), self.device)
+        waves = _waves_on_device(grid, deflection.gel, self.device)
         spectrum = torch.fft.rfft2(padded)
         share = waves.share_of_interface(waves.shear_over_pressure(spectrum, few))
         deflected = spectrum * share
@@ -136,7 +137,7 @@ class BatchedDepthReader:
 
     @cached_property
     def _coarseness(self) -> int:
-        return self.reader._coarseness
+        return self.reader.coarseness
 
     @cached_property
     def _source_places(self) -> torch.Tensor:
@@ -147,7 +148,7 @@ class BatchedDepthReader:
 
     @cached_property
     def _per_coarse_reference(self) -> torch.Tensor:
-        return torch.as_tensor(self.reader._per_coarse_reference, device=self.device)
+        return torch.as_tensor(self.reader.per_coarse_reference, device=self.device)
 
     @cached_property
     def _table(self) -> torch.Tensor:
@@ -164,7 +165,7 @@ class BatchedDepthReader:
         deblurring, mm_per_px = self.reader.deblurring, self.reader.reference.mm_per_px
         assert deblurring is not None
         sigma_px = round(deblurring.point_spread_mm / mm_per_px / self._coarseness, 6)
-        packed, _ = blur._deconvolution_symbols(*self.reader._per_coarse_reference.shape, sigma_px, deblurring.floor)
+        packed, _ = blur.deconvolution_symbols(*self.reader.per_coarse_reference.shape, sigma_px, deblurring.floor)
         tall, wide = packed.shape
         kx, ky = np.fft.rfftfreq(wide), np.abs(np.fft.fftfreq(tall))[:, None]
         spread = np.exp(-2 * (np.pi * sigma_px) ** 2 * (kx**2 + ky**2))
@@ -174,12 +175,12 @@ class BatchedDepthReader:
             torch.as_tensor(one, dtype=torch.float32, device=self.device)
             for one in (spread, 1 / (spread**2 + variation))
         )
-        return *symbols, weight, blur._LEAST_STEP / sigma_px  # type: ignore[return-value]
+        return *symbols, weight, blur.LEAST_EDGE_STEP / sigma_px  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
 class _DeviceWaves:
-    """`_HeldSkinWaves` on a device, of which each image of a batch has shear of its own."""
+    """`HeldSkinWaves` on a device, of which each image of a batch has shear of its own."""
 
     shape: tuple[int, int]
     thinning: torch.Tensor
@@ -187,11 +188,6 @@ class _DeviceWaves:
     thinning_by_shear: torch.Tensor
     interface_by_shear: torch.Tensor
     blur: torch.Tensor
-
-    @staticmethod
-    def of(waves: base._HeldSkinWaves, device: str) -> "_DeviceWaves":
-        names = ("thinning", "interface", "thinning_by_shear", "interface_by_shear", "blur")
-        return _DeviceWaves(waves.grid.shape, *(torch.as_tensor(getattr(waves, name), device=device) for name in names))
 
     def share_of_interface(self, shear_over_pressure: torch.Tensor) -> torch.Tensor:
         """Return the height of the interface over the change of thickness."""
@@ -202,11 +198,11 @@ class _DeviceWaves:
     def shear_over_pressure(self, spectrum: torch.Tensor, seen_mm: Fields) -> torch.Tensor:
         """Return the shear over the pressure of each image, (batch, 2), by a fixed number of steps; one that has ended stays."""
         deepest_mm, (rows, cols) = seen_mm.amin((1, 2), keepdim=True), seen_mm.shape[1:]
-        touched = (seen_mm <= base._EDGE_OF_CONTACT * deepest_mm).to(torch.float32)
+        touched = (seen_mm <= base.EDGE_OF_CONTACT * deepest_mm).to(torch.float32)
         free = 1 - functional.max_pool2d(touched, 3, 1, 1)
-        going = (deepest_mm[:, 0, 0] <= -base._LEAST_THINNING_MM) & free.bool().any(-1).any(-1)
+        going = (deepest_mm[:, 0, 0] <= -base.LEAST_THINNING_MM) & free.bool().any(-1).any(-1)
         ratio = seen_mm.new_zeros(len(seen_mm), 2)
-        for _ in range(base._SHEAR_STEPS):
+        for _ in range(base.SHEAR_STEPS):
             thinning = self._thinning(ratio)
             pressure = spectrum * self.blur / thinning
             by_shear = pressure[:, None] * self.thinning_by_shear / thinning[:, None]
@@ -216,8 +212,8 @@ class _DeviceWaves:
             gram = gram + 1e-30 * torch.eye(2, dtype=gram.dtype, device=gram.device)
             step = going[:, None] * torch.linalg.solve(gram, right)[..., 0].to(ratio.dtype)
             ratio = ratio + step
-            ratio = ratio / (ratio.norm(dim=1, keepdim=True) / base._MAX_SHEAR).clamp(min=1)
-            going = going & (step.abs().amax(1) >= base._SMALL_SHEAR)
+            ratio = ratio / (ratio.norm(dim=1, keepdim=True) / base.MAX_SHEAR).clamp(min=1)
+            going = going & (step.abs().amax(1) >= base.SMALL_SHEAR)
         return ratio
 
     def _thinning(self, shear_over_pressure: torch.Tensor) -> torch.Tensor:
@@ -227,6 +223,14 @@ class _DeviceWaves:
     def _with_shear(alone: torch.Tensor, by_shear: torch.Tensor, shear_over_pressure: torch.Tensor) -> torch.Tensor:
         s_x, s_y = shear_over_pressure[:, :, None, None].unbind(1)
         return alone + s_x * by_shear[0] + s_y * by_shear[1]
+
+
+@lru_cache(maxsize=4)
+def _waves_on_device(grid: PeriodicGrid, gel: Gel, device: str) -> _DeviceWaves:
+    """Return the responses of a gel for every wave of a grid, on a device."""
+    waves = base.held_skin_waves(grid, gel)
+    names = ("thinning", "interface", "thinning_by_shear", "interface_by_shear", "blur")
+    return _DeviceWaves(waves.grid.shape, *(torch.as_tensor(getattr(waves, name), device=device) for name in names))
 
 
 def _block_means(fields: Fields, side: int) -> Few:

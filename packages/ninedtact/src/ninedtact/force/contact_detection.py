@@ -207,8 +207,7 @@ def find_contact_region(
     The region consists of the connected parts of indented skin that are deep enough to be more than noise, the cells that are
     much darker than the noise, and the rim of both. change: the observed signal on the cells, negative where darker, with this
     noise. margin: number of cells around the image. least_limit: darkening that is no contact whatever this noise
-    (`correlated_noise_limit`). faint: cells of the detection on which a contact is fainter than
-    that (`find_faint_contact`).
+    (`correlated_noise_limit`). faint: cells of the detection on which a contact is fainter than that (`find_faint_contact`).
     """
     darkening = _smoothed_darkening(change, in_view, settings.smoothing_cells)
     threshold = settings.threshold

@@ -27,9 +27,9 @@ from ninedtact.mechanics.finite_strain import finite_strain_stiffening
 from ninedtact.mechanics.layer_compliance import gel_compliance
 from ninedtact.mechanics.skin import PeriodicGrid, padded_grid
 
-_PITCH_MM = 0.8
+DEFLECTION_PITCH_MM = 0.8
 """About the pitch of the grid on which the deflection, which is smooth over a thickness, is computed."""
-_MARGIN_MM = 6.0
+DEFLECTION_MARGIN_MM = 6.0
 """Width of the skin beyond the field; thicker or thinner gel there is not seen and taken as untouched."""
 _HELD_SHARE = 0.45
 """Part of the shear of skin that is held everywhere which a contact bears. Found on balls, flat punches, a gear, a letter, a key
@@ -38,15 +38,15 @@ too shallow by up to a third of the interface's deflection."""
 STIFFENING = 0.6
 """Usual factor on the stiffening: of 0.3 on these objects, and of 0.9 for independent finite elements of a ball on 2.5 mm of gel,
 pressed in to 1.8 mm. A calibration finds that of its own ball."""
-_LEAST_THINNING_MM = 0.05
+LEAST_THINNING_MM = 0.05
 """Thinning below which no shear is looked for."""
-_EDGE_OF_CONTACT = 0.25
+EDGE_OF_CONTACT = 0.25
 """Share of the greatest thinning above which gel is taken to be in contact."""
 _PRESSURE_BLUR_MM = 0.9
 """Standard deviation of the smoothing of the pressure outside of the contact, which noise of the thickness would hide."""
-_SHEAR_STEPS, _SMALL_SHEAR = 4, 0.03
+SHEAR_STEPS, SMALL_SHEAR = 4, 0.03
 """Gauss–Newton steps at most, and the change of the shear over the pressure after which they end."""
-_MAX_SHEAR = 1.0
+MAX_SHEAR = 1.0
 """Largest shear over pressure: friction of skin bears little more."""
 
 Field = Float32[Array, "rows cols"]
@@ -71,12 +71,12 @@ class BaseDeflection:
             return np.zeros_like(thickness_change_mm)
         rows, cols = thickness_change_mm.shape
         # Points of the grid are means of whole blocks of the field; those beyond the field are untouched.
-        side = max(round(_PITCH_MM / mm_per_px), 1)
+        side = max(round(DEFLECTION_PITCH_MM / mm_per_px), 1)
         blocks = cv2.copyMakeBorder(thickness_change_mm, 0, -rows % side, 0, -cols % side, cv2.BORDER_REPLICATE)
         few_rows, few_cols = blocks.shape[0] // side, blocks.shape[1] // side
         few = np.asarray(cv2.resize(blocks, (few_cols, few_rows), interpolation=cv2.INTER_AREA))
         pitch_mm = side * mm_per_px
-        grid = padded_grid(few_cols * pitch_mm, few_rows * pitch_mm, pitch_mm, _MARGIN_MM)
+        grid = padded_grid(few_cols * pitch_mm, few_rows * pitch_mm, pitch_mm, DEFLECTION_MARGIN_MM)
         down, right = grid.rows - few_rows, grid.cols - few_cols
         in_view = np.s_[:few_rows, :few_cols]
         padded = cv2.copyMakeBorder(few, 0, down, 0, right, cv2.BORDER_CONSTANT, value=0.0)
@@ -88,7 +88,7 @@ class BaseDeflection:
         """Return the height of the interface on a periodic grid, of which a part is seen."""
         from scipy.fft import irfft2, rfft2
 
-        waves, spectrum = _held_skin_waves(grid, self.gel), rfft2(thickness_change_mm)
+        waves, spectrum = held_skin_waves(grid, self.gel), rfft2(thickness_change_mm)
         share = waves.share_of_interface(waves.shear_over_pressure(spectrum, thickness_change_mm, in_view))
         deflection = spectrum * share
         if self.gel.finite_strain:
@@ -102,7 +102,7 @@ class BaseDeflection:
 
 
 @dataclass(frozen=True)
-class _HeldSkinWaves:
+class HeldSkinWaves:
     """What pressure on skin that friction holds does to each wave of a grid."""
 
     grid: PeriodicGrid
@@ -130,17 +130,17 @@ class _HeldSkinWaves:
 
         ratio, seen = np.zeros(2), thickness_change_mm[in_view]
         free = _skin_outside_contact(seen)
-        if seen.min() > -_LEAST_THINNING_MM or not free.any():
+        if seen.min() > -LEAST_THINNING_MM or not free.any():
             return ratio
-        for _ in range(_SHEAR_STEPS):
+        for _ in range(SHEAR_STEPS):
             pressure = spectrum * self.blur / self._thinning(ratio)
             by_shear = pressure * self.thinning_by_shear / self._thinning(ratio)
             fields = irfft2(np.concatenate([pressure[None], by_shear]), s=self.grid.shape)[(np.s_[:], *in_view)]
             wrong, *derivatives = fields[:, free]
             step = np.linalg.lstsq(np.stack(derivatives, axis=-1), wrong, rcond=None)[0]
             ratio = ratio + step
-            ratio = ratio / max(float(np.hypot(*ratio)) / _MAX_SHEAR, 1.0)
-            if np.abs(step).max() < _SMALL_SHEAR:
+            ratio = ratio / max(float(np.hypot(*ratio)) / MAX_SHEAR, 1.0)
+            if np.abs(step).max() < SMALL_SHEAR:
                 break
         return ratio
 
@@ -151,12 +151,12 @@ class _HeldSkinWaves:
 
 def _skin_outside_contact(thickness_change_mm: Field) -> Bool[Array, "rows cols"]:
     """Return the points at which, and next to which, the gel is little thinner."""
-    free = (thickness_change_mm > _EDGE_OF_CONTACT * thickness_change_mm.min()).astype(np.uint8)
+    free = (thickness_change_mm > EDGE_OF_CONTACT * thickness_change_mm.min()).astype(np.uint8)
     return np.asarray(cv2.erode(free, np.ones((3, 3), np.uint8)) > 0)
 
 
 @lru_cache(maxsize=4)
-def _held_skin_waves(grid: PeriodicGrid, gel: Gel) -> _HeldSkinWaves:
+def held_skin_waves(grid: PeriodicGrid, gel: Gel) -> HeldSkinWaves:
     """Return the responses of a gel, for every wave of a grid."""
     wave_number = np.hypot(*grid.wave_vectors)
     compliance = gel_compliance(wave_number, gel)
@@ -168,7 +168,7 @@ def _held_skin_waves(grid: PeriodicGrid, gel: Gel) -> _HeldSkinWaves:
     blur = np.exp(-((wave_number * _PRESSURE_BLUR_MM) ** 2) / 2)
     blur[0, 0] = interface[0, 0] = 0.0
     thinning[0, 0] = 1.0
-    return _HeldSkinWaves(
+    return HeldSkinWaves(
         grid,
         thinning.astype(np.float32),
         interface.astype(np.float32),

@@ -77,9 +77,9 @@ class DepthReader:
         After deblurring, heights are looked up and smoothed on the coarser grid, and only then brought to that of the image.
         """
         index = self._index_on_computed_grid(rectified.grey)
-        few_mm = self.smoothing.on_grid(1 / self._coarseness)(self.curve.look_up_mm(index))
+        few_mm = self.smoothing.on_grid(1 / self.coarseness)(self.curve.look_up_mm(index))
         if self.base_deflection is not None:
-            few_mm = few_mm + self.base_deflection(few_mm, rectified.mm_per_px * self._coarseness)
+            few_mm = few_mm + self.base_deflection(few_mm, rectified.mm_per_px * self.coarseness)
         z_mm = self._on_image_grid(few_mm)
         if not self.curve.knows_bulges:
             cv2.threshold(z_mm, 0, 0, cv2.THRESH_TRUNC, dst=z_mm)
@@ -103,7 +103,7 @@ class DepthReader:
         """
         if index.min() >= self.curve.clipped_index:
             return False
-        smoothed = self.smoothing.on_grid(1 / self._coarseness)(index.astype(np.float32))
+        smoothed = self.smoothing.on_grid(1 / self.coarseness)(index.astype(np.float32))
         return bool(smoothed.min() < self.curve.clipped_index)
 
     def index(self, grey: Float32[Array, "rows cols"]) -> UInt16[Array, "rows cols"]:
@@ -115,17 +115,17 @@ class DepthReader:
         if self.deblurring is None:
             lost = self.loss(grey, self.reference.grey)
             return self.quantise(grey if lost == 0 else grey * np.float32(1 / (1 + lost)))
-        ratio = block_means(grey, self._coarseness) * self._per_coarse_reference
+        ratio = block_means(grey, self.coarseness) * self.per_coarse_reference
         ratio *= np.float32(1 / (1 + self.loss.loss_of(ratio)))
         change, steps = self.deblurring(ratio, self.reference.mm_per_px), TABLE_STEPS["ratio"]
         return np.asarray(cv2.addWeighted(change, steps, change, 0, ZERO_INDEX - steps, dtype=cv2.CV_16U))
 
     def _on_image_grid(self, field: Shaped[Array, "few_rows few_cols"]) -> Shaped[Array, "rows cols"]:
         """Return a field of the grid on which heights are looked up on the grid of the image."""
-        return field if self._coarseness == 1 else upsample(field, self.lens_source.shape, self._coarseness)
+        return field if self.coarseness == 1 else upsample(field, self.lens_source.shape, self.coarseness)
 
     @cached_property
-    def _coarseness(self) -> int:
+    def coarseness(self) -> int:
         """Pixels along one side of a point of the grid on which heights are looked up."""
         return 1 if self.deblurring is None else self.deblurring.coarseness(self.reference.mm_per_px)
 
@@ -135,9 +135,9 @@ class DepthReader:
         return 1 / np.maximum(self.reference.grey, np.float32(DIMMEST_REFERENCE))
 
     @cached_property
-    def _per_coarse_reference(self) -> Float32[Array, "few_rows few_cols"]:
+    def per_coarse_reference(self) -> Float32[Array, "few_rows few_cols"]:
         """The reciprocal of the reference image on the coarser grid."""
-        return 1 / np.maximum(block_means(self.reference.grey, self._coarseness), np.float32(DIMMEST_REFERENCE))
+        return 1 / np.maximum(block_means(self.reference.grey, self.coarseness), np.float32(DIMMEST_REFERENCE))
 
     def error_mm(self, indentation_mm: float) -> float:
         """Return the standard deviation of one pixel's indentation: scatter of the calibration and noise of the camera."""

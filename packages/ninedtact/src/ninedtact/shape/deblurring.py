@@ -21,9 +21,9 @@ _DFT_SIDE_FACTOR = 4
 _MIN_POINTS_PER_SPREAD = 1.6
 """Smallest number of points of the coarser grid in one standard deviation of the point spread."""
 _MAX_COARSENESS = 4
-_ITERATIONS = 2
+EDGE_ITERATIONS = 2
 """Iterations after the first, linear one; more change heights by less than the noise does."""
-_LEAST_STEP = 0.009
+LEAST_EDGE_STEP = 0.009
 """Relative change of brightness over one standard deviation of the point spread that counts as an edge; it is several times the
 noise, and less than a step of 0.1 mm."""
 
@@ -75,14 +75,14 @@ def upsample(
 def deconvolve_gaussian_blur(field: Field, sigma_px: float, floor: float) -> Field:
     """Return the field deblurred on its own grid; a uniform field is returned as it is."""
     rows, cols = field.shape
-    spread, inverse = _deconvolution_symbols(rows, cols, round(sigma_px, 6), floor)
+    spread, inverse = deconvolution_symbols(rows, cols, round(sigma_px, 6), floor)
     down, right = spread.shape[0] - rows, spread.shape[1] - cols
     padded = cv2.copyMakeBorder(field, down // 2, down - down // 2, right // 2, right - right // 2, cv2.BORDER_REFLECT)
     data = _transform(padded) * spread
-    weight, threshold = floor * sigma_px**2, np.float32(_LEAST_STEP / sigma_px)
+    weight, threshold = floor * sigma_px**2, np.float32(LEAST_EDGE_STEP / sigma_px)
     sharp = _inverse_transform(data * inverse)
     kept = np.zeros((2, *padded.shape), np.float32)  # b, the part of the gradient that is no edge
-    for _ in range(_ITERATIONS):
+    for _ in range(EDGE_ITERATIONS):
         gradient = _gradient(sharp)
         gradient += kept
         # Not by `cv2.magnitude`, whose last digit depends on where the arrays lie in memory.
@@ -139,7 +139,7 @@ def _negative_divergence(steps: Float32[Array, "2 rows cols"]) -> Field:
 
 
 @lru_cache(maxsize=8)
-def _deconvolution_symbols(rows: int, cols: int, sigma_px: float, floor: float) -> tuple[Field, Field]:
+def deconvolution_symbols(rows: int, cols: int, sigma_px: float, floor: float) -> tuple[Field, Field]:
     """Return the transform G of the point spread and 1/(G² + ρ|∇|²), of the padded field.
 
     They are arranged as `cv2.dft` packs the transform of a real field, whose size is even here. Real and imaginary parts of one

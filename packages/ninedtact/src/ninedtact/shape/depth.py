@@ -28,9 +28,9 @@ TYPICAL_POINT_SPREAD_MM = 0.55
 """Standard deviation of the point spread of the same eight sensors."""
 _SAMPLING_SIDE_PX = 4
 """Side of the blocks of which the darkening is averaged; darkening is smooth enough for that, and the noise of a mean is small."""
-_MIN_DARKENING = 0.012
+MIN_DARKENING = 0.012
 """Relative darkening above which a block counts as dark; noise with some drift is less."""
-_DIMMING_ITERATIONS = 4
+DIMMING_ITERATIONS = 4
 """Number of times that the loss is subtracted and the darkening averaged again; each reduces the error to a fifth or less."""
 
 
@@ -48,7 +48,7 @@ class GlobalDimmingModel:
     def loss_of(self, brightness: Float32[Array, "few_rows few_cols"]) -> float:
         """Return c, given the mean brightness of blocks of pixels relative to the reference image."""
         loss = 0.0
-        for _ in range(_DIMMING_ITERATIONS if self.global_dimming else 0):
+        for _ in range(DIMMING_ITERATIONS if self.global_dimming else 0):
             loss = -self.global_dimming * _mean_noticed_darkening(brightness, loss)
         return loss
 
@@ -70,7 +70,7 @@ def _sample_relative_brightness(
 def _mean_noticed_darkening(brightness: Float32[Array, "few_rows few_cols"], loss: float) -> float:
     """Return the mean darkening after the loss is subtracted, of the blocks that are noticeably dark."""
     darkening = cv2.addWeighted(brightness, -1 / (1 + loss), brightness, 0, 1)
-    return float(cv2.mean(cv2.threshold(darkening, _MIN_DARKENING, 0, cv2.THRESH_TOZERO, dst=darkening)[1])[0])
+    return float(cv2.mean(cv2.threshold(darkening, MIN_DARKENING, 0, cv2.THRESH_TOZERO, dst=darkening)[1])[0])
 
 
 BrightnessSignal = Literal["difference", "ratio"]

@@ -90,6 +90,7 @@ class LightChange:
     """Exponent that was taken out together with the gain, one where none was."""
     bands: LightBands | None = None
     gradient: LightGradient | None = None
+    """Smooth gradient over the view that was taken out; None where there was none."""
     dirt_spots: int = 0
     """Number of spots that gel cannot make; they are replaced by their surroundings."""
     dirt_mm2: float = 0.0

@@ -1,7 +1,7 @@
 """A smooth gradient of the light over the view, as LEDs that age or warm up unequally and daylight at the side make it.
 
 It is a polynomial in log brightness over skin where the ratio of image to reference is flat: linear in both directions, and of
-second order where hardly any skin is not flat, because the skin that a press displaces looks like one of second order.
+second order where nearly all skin is flat. Beside a press it is linear, because displaced skin looks like a term of second order.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ _MIN_FLAT_SHARE, _MAY_BE_UNTOUCHED_SHARE, _MIN_UNTOUCHED_SHARE = 0.4, 0.7, 0.9
 once it is taken out."""
 _UNTOUCHED_LIMITS, _PRESSED_LIMITS = (0.005, 0.7), (0.012, 0.35)
 """Amplitude from which a gradient is taken out, and the median deviation of flat skin that it leaves at most, over that without it;
-where hardly any skin is not flat, and beside a press. Wide and deep presses at the side of the view make gradients of their own:
+where nearly all skin is flat, and beside a press. Wide and deep presses at the side of the view make gradients of their own:
 of 250 in steady light, 12 one of 0.005 to 0.017, which left 0.39 and more."""
 _ROUNDS = 6
 _LINEAR, _SECOND_ORDER = 3, 6
@@ -31,10 +31,11 @@ _LINEAR, _SECOND_ORDER = 3, 6
 
 @dataclass(frozen=True)
 class LightGradient:
-    """A change of brightness over the view, exp(a·x + b·y + c·x² + d·x·y + e·y²) with x and y from −1 to 1; its mean is one."""
+    """A change of brightness over the view, exp(a·x + b·y + c·x² + d·x·y + e·y²) with x and y from −1 to 1; the
+    geometric mean is one."""
 
     coefficients: tuple[float, ...]
-    """a and b, or all five; the last three are zero where they are not known."""
+    """a and b beside a press, all five where the skin is untouched."""
 
     def factor(self, shape: tuple[int, ...]) -> Grey:
         """Return the brightness of every pixel relative to the mean."""

@@ -3,7 +3,7 @@
 From the rim inwards the skin is left behind. A contact of area A and radius a that bears the load N has the tangential stiffness
 K = G (16/3 a + A/h) on a gel of thickness h and shear modulus G; by friction μ it slides along the skin at μ N/K, and a part of
 1/(1 + (a θ K/(0.8 μ N))^1.5) of its area still sticks after a turn by θ. The two constants were chosen on a simulated key, gear
-and cross; on a letter and a spanner of unknown friction the share is right to 0.3. The middle of a contact always sticks, so that
+and cross. The middle of a contact always sticks, so that
 a turn alone is never gross slip.
 """
 
