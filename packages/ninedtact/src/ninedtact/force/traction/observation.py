@@ -191,6 +191,33 @@ def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
 
 
 @dataclass(frozen=True)
+class LinesOfSight:
+    """Where the lines of sight of an image meet the plane of the untouched skin, and which of them the cells were observed at."""
+
+    inverse_distance_per_mm: float
+    """One over the viewing distance; zero where lines of sight are parallel."""
+    pixel: Float32[Array, "2 rows cols"]
+    """Column and row, in cells of the image's plane, of the line of sight at which each cell was observed."""
+
+    def follow(self, field: Float32[Array, "a b"], height_mm: Float32[Array, "a b"]) -> Float32[Array, "a b"]:
+        """Return a field of the skin where the lines of sight through the points of its grid meet it; the camera is under its
+        middle."""
+        rows, cols = (np.arange(side, dtype=np.float32) - np.float32((side - 1) / 2) for side in field.shape)
+        right, down = np.meshgrid(cols, rows)
+        stretch = np.ones_like(height_mm)
+        middle = np.float32((field.shape[1] - 1) / 2), np.float32((field.shape[0] - 1) / 2)
+        for _ in range(_SIGHTLINE_ITERATIONS):
+            at = right * stretch + middle[0], down * stretch + middle[1]
+            stretch = 1 + np.float32(self.inverse_distance_per_mm) * sample_field(height_mm, np.stack(at), cv2.INTER_LINEAR)
+        at = right * stretch + middle[0], down * stretch + middle[1]
+        return np.asarray(sample_field(field, np.stack(at), cv2.INTER_LINEAR))
+
+    def observe(self, change: View) -> View:
+        """Return the change of brightness that is observed on the cells, of that on lines of sight."""
+        return _at_pixels(change, self.pixel)
+
+
+@dataclass(frozen=True)
 class ObservationOnCells:
     """The observed signal and its errors as orthorectified fields on the cells."""
 
@@ -204,6 +231,8 @@ class ObservationOnCells:
     """Height from the depth reader, used for the initial guess and the contact region."""
     in_view: View
     """One where a cell is seen, zero where not."""
+    sight: LinesOfSight | None = None
+    """How the cells were observed; None where lines of sight are parallel."""
 
 
 class ObservationModel(ABC):
@@ -239,9 +268,9 @@ class BrightnessObservationModel(ObservationModel):
             reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
         )
         noise = min(max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE), largest)
-        return ObservationOnCells(
-            change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32)
-        )
+        error, in_view = _LOCAL_FRACTION * self.curve_error, below.in_view.astype(np.float32)
+        sight = LinesOfSight(1 / reading.height.camera_distance_mm, pixel)
+        return ObservationOnCells(change, noise, error, below.z_mm, in_view, sight)
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
         """Return the relative change of brightness of every cell, corrected for the global loss of light."""

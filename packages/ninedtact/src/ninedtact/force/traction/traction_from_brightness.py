@@ -49,6 +49,8 @@ _SLIDES_FROM = 0.8
 with friction of 0.4 and 1 are right to a tenth with it; they were up to a third too large where the skin was held."""
 _STICKING_CHANGE = 2.0
 """Weight of a change of the part that sticks among those of the pressure."""
+_CARRYING_EXPONENT = 0.6
+"""Power of the smoothed pressure to which shear is proportional."""
 _LEVEL_STD = 0.003
 """Standard deviation of the relative brightness offset that all cells share."""
 
@@ -82,6 +84,7 @@ class InitialGuess:
 
     tractions: Tractions
     thickness_change_mm: SkinField
+    height_mm: SkinField
     nonlinear_mm: SkinField | float = 0.0
     """The part of the change that is not linear in the tractions."""
     misfit: float = 1.0
@@ -132,7 +135,7 @@ class TractionInversion:
         """
         if last is not None and bool((last.tractions[0] * region).any()):
             about_mm = (last.linearised_mm + last.skin.thickness_change_mm) / 2
-            guess = InitialGuess(last.tractions, about_mm, last.skin.nonlinear_mm, last.misfit)
+            guess = InitialGuess(last.tractions, about_mm, last.skin.height_mm, last.skin.nonlinear_mm, last.misfit)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
             if result.distance_from(self.solver.max_warm_decrement, self.solver.max_warm_change) <= 1:
                 return result
@@ -158,7 +161,9 @@ class TractionInversion:
         while result.iterations < max_iterations and self._distance(result) > 1:
             about_mm = about_mm + np.float32(step) * (result.skin.thickness_change_mm - about_mm)
             nonlinear = nonlinear.towards(result.skin.nonlinear_mm)
-            carried = InitialGuess(result.tractions, about_mm, nonlinear.field_mm, result.misfit, result.iterations)
+            carried = InitialGuess(
+                result.tractions, about_mm, result.skin.height_mm, nonlinear.field_mm, result.misfit, result.iterations
+            )
             result = self._iterate(observation, region, carried)
             if self._distance(result) < self._distance(best):
                 best = result
@@ -168,17 +173,19 @@ class TractionInversion:
 
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
-        problem = self._linearise(observation, region, guess)
-        offset = self.law(guess.thickness_change_mm) - problem.slope * (guess.thickness_change_mm - guess.nonlinear_mm)
-        programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
+        problem, sight = self._linearise(observation, region, guess), observation.sight
+        seen = self.forward.observed_change(self.law, guess.thickness_change_mm, guess.height_mm, sight)
+        seen -= self.forward.scatter(problem.slope * (guess.thickness_change_mm - guess.nonlinear_mm))
+        programme = problem.quadratic_programme(observation.change - seen)
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
         skin = self.forward.deform(tractions)
         linear_mm = skin.thickness_change_mm - skin.nonlinear_mm
-        nonlinear = self.forward.scatter(self.law(skin.thickness_change_mm) - offset - problem.slope * linear_mm)
+        predicted = self.forward.observed_change(self.law, skin.thickness_change_mm, skin.height_mm, sight)
+        nonlinear = predicted - seen - self.forward.scatter(problem.slope * linear_mm)
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
-        misfit = self._misfit(observation, skin.thickness_change_mm)
+        misfit = self._misfit(observation, predicted)
         change = np.abs(tractions[0] - guess.tractions[0]).sum() / max(float(tractions[0].sum()), 1e-9)
         change = max(change, _STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
         return InversionResult(
@@ -199,9 +206,11 @@ class TractionInversion:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
         strain = depth_mm / self.forward.gel.thickness_mm
+        slope = self.law.slope_per_mm(guess.thickness_change_mm)
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
-        slope = self.law.slope_per_mm(guess.thickness_change_mm)
+        power = np.maximum(carries, 0) ** np.float32(_CARRYING_EXPONENT)
+        carries = power * np.float32(carries.sum() / max(float(power.sum()), 1e-9))
         whitener = self._whitener(observation, guess.misfit)
         sticking_part = _sticking_part(guess.tractions)
         return LinearisedBrightnessProblem(
@@ -210,15 +219,16 @@ class TractionInversion:
 
     def _guess_from_heights(self, observation: ObservationOnCells, region: View) -> InitialGuess:
         """Return an initial guess with pressure in proportion to the thinning of the gel under the observed skin, and no shear."""
-        thickness_change_mm = self.forward.thickness_change_mm(self._extend_to_skin(observation.z_mm))
+        height_mm = self._extend_to_skin(observation.z_mm)
+        thickness_change_mm = self.forward.thickness_change_mm(height_mm)
         rows, cols = region.shape
         tractions = np.zeros((3, rows, cols), np.float32)
         tractions[0] = np.maximum(-thickness_change_mm[:rows, :cols], 0) * region * np.float32(_WINKLER_PER_MM)
-        return InitialGuess(tractions, thickness_change_mm)
+        return InitialGuess(tractions, thickness_change_mm, height_mm)
 
-    def _misfit(self, observation: ObservationOnCells, thickness_change_mm: SkinField) -> float:
+    def _misfit(self, observation: ObservationOnCells, predicted: View) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        residual = observation.change - self.forward.scatter(self.law(thickness_change_mm))
+        residual = observation.change - predicted
         square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
         return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
 
