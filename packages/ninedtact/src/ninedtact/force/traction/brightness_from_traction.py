@@ -232,11 +232,16 @@ def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int])
 
     The window at `influence_window_indices` is the response to one cell of the view.
     """
+    shape = cells.rows + 2 * around[0], cells.cols + 2 * around[1]
+    return sliding_window_view(influence_kernel(cells, transfer, around), shape)
+
+
+def influence_kernel(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Float32[Array, "tall wide"]:
+    """Return the array of which `influence_windows` are windows."""
     skin, view = cells.patch.shape, cells.shape
     kernel = np.fft.irfft2(transfer, s=skin).astype(np.float32)
     down, across = (np.arange(1 - side - beyond, side + beyond) for side, beyond in zip(view, around, strict=True))
-    shape = view[0] + 2 * around[0], view[1] + 2 * around[1]
-    return sliding_window_view(kernel[np.ix_(down % skin[0], across % skin[1])], shape)
+    return kernel[np.ix_(down % skin[0], across % skin[1])]
 
 
 def influence_window_indices(cells: CellGrid, row: Indices, col: Indices) -> tuple[Indices, Indices]:
