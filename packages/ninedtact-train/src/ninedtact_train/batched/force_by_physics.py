@@ -65,6 +65,8 @@ class BatchedPhysics:
     reader: BatchedDepthReader
     estimator: ScaledForceEstimator
     """The sensor's own; raises `InputError` for any but that by physics."""
+    fixed_schedule: bool | None = None
+    """Whether the processor looks at results on the device only once an iteration. None: where the device is a GPU."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.estimator.estimator, TractionForce):
@@ -189,8 +191,9 @@ class BatchedPhysics:
     def _inversion(self) -> BatchedTractionInversion:
         reference, physics = self.reader.reader.reference, self._physics
         cells = cell_grid_over_image(reference.grey.shape, reference.mm_per_px, physics.gel.thickness_mm)
-        error = LOCAL_FRACTION * self._model.curve_error
-        return BatchedTractionInversion(physics.build_inversion(cells), error, self.reader.device)
+        error, device = LOCAL_FRACTION * self._model.curve_error, self.reader.device
+        fixed = torch.device(device).type == "cuda" if self.fixed_schedule is None else self.fixed_schedule
+        return BatchedTractionInversion(physics.build_inversion(cells), error, device, not fixed)
 
     @cached_property
     def _places_mm(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -2,7 +2,7 @@
 
 It is `TractionInversion` from each image alone (docs/force_physics.md). Contacts have different numbers of cells and of shear
 modes: each is brought to the size of its batch by unknowns without any effect, which are zero in the solution. An unknown that is
-held at zero is treated in the same way. The schedule is fixed: every iteration exchanges bounded unknowns as often as
+held at zero is treated in the same way. The schedule on a GPU is fixed: every iteration exchanges bounded unknowns as often as
 `_EXCHANGES` says, and the processor waits for the device once an iteration, to see which contacts have converged.
 """
 
@@ -126,6 +126,8 @@ class BatchedTractionInversion:
     calibration_error: float
     """Standard deviation of the change due to the calibration (`ObservationOnCells.error`)."""
     device: str
+    looks: bool
+    """Whether the processor looks after every exchange of bounded unknowns if another one is needed, which makes a GPU wait."""
 
     def invert(self, observation: BatchedObservation) -> BatchedInversionResult:
         """Return the tractions that explain each observation, from itself alone; zero where nothing touches."""
@@ -203,7 +205,7 @@ class BatchedTractionInversion:
         target = problem.negative_gradient(observation.change - forward.scatter(offset))
         free = guess.tractions[:, 0].flatten(1).gather(1, problem.index) > 0
         weights = free.new_ones(len(free), problem.curvature.shape[1] - cells)
-        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells)
+        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, self.looks)
         tractions = problem.tractions(solution.x, (rows, cols))
         skin = forward.deform(tractions)
         law, _ = self._law(skin.thickness_change_mm)
@@ -449,13 +451,14 @@ def _solve(
     target: Float64[torch.Tensor, "batch n"],
     free: Bool[torch.Tensor, "batch n"],
     bounded: int,
+    looks: bool,
 ) -> _Solution:
     """Return the minimum of ½ xᵀHx − bᵀx where the first `bounded` unknowns are not negative (`solve_nonnegative_qp`)."""
     root = curvature.diagonal(0, 1, 2).sqrt()
     may_be_held = torch.arange(free.shape[1], device=free.device) < bounded
     solution = _solve_free(curvature, target, free, root, may_be_held)
     for _ in range(_EXCHANGES - 1):
-        if not solution.wrong.is_cuda and not solution.wrong.any():
+        if looks and not solution.wrong.any():
             break
         solution = _solve_free(curvature, target, solution.free ^ solution.wrong, root, may_be_held)
     return replace(solution, x=torch.where(may_be_held, solution.x.clamp(min=0), solution.x))
