@@ -165,15 +165,21 @@ class AlternatingSolver:
         residual = self.operators.xp.maximum(state.pressure.initial_residual_mm, state.shear.initial_residual_mm)
         return AlternatingSolverResult(state, residual, iterations)
 
+    def _tolerance_mm(self, depth_increase_mm: PerContact) -> PerContact:
+        """Return the tolerance at the depth that was found."""
+        return self.settings.tolerance_mm(self.depth_mm + depth_increase_mm)
+
     def _next_state(self, last: AlternationState) -> AlternationState:
         """Return the state after one round: pressure, then shear. A field within the tolerance is kept unchanged."""
         operators, max_iterations = self.operators, self.settings.max_iterations
-        tolerance = self.settings.tolerance_mm(self.depth_mm + last.pressure.depth_increase_mm)
         overlap = self.overlap_mm + last.bulge_mm
-        pressure = solve_pressure(operators, self.constraint, overlap, last.pressure, tolerance, max_iterations)
+        pressure = solve_pressure(
+            operators, self.constraint, overlap, last.pressure, self._tolerance_mm, max_iterations
+        )
         same = pressure.pressure_mpa is last.pressure.pressure_mpa
         spread = last.spread_mm if same else operators.tangential_from_pressure_mm(pressure.pressure_mpa)
         limit = FrictionLimit(self.friction * pressure.pressure_mpa)
+        tolerance = self._tolerance_mm(pressure.depth_increase_mm)
         shear = solve_shear(operators, self.carried_mm - spread, limit, last.shear, tolerance, max_iterations)
         same = shear.shear_mpa is last.shear.shear_mpa
         bulge = last.bulge_mm if same else operators.bulge_from_shear_mm(shear.shear_mpa)
