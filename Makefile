@@ -97,7 +97,7 @@ LEROBOT_PLUGIN := plugins/lerobot_camera_ninedtact
 .venv-lerobot/ready: $(PROJECTS) $(LEROBOT_PLUGIN)/pyproject.toml $(LEROBOT_PLUGIN)/tests/overrides.txt | .venv/bin/uv
 	.venv/bin/uv venv -q --clear --python $(PYTHON) .venv-lerobot
 	VIRTUAL_ENV=$(CURDIR)/.venv-lerobot .venv/bin/uv pip install -q $(if $(LINKS),--find-links $(LINKS)) \
-	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e '$(CORE)[recording]' -e $(LEROBOT_PLUGIN) 'pytest>=8'
+	  --override $(LEROBOT_PLUGIN)/tests/overrides.txt -e '$(CORE)[recording]' -e $(LEROBOT_PLUGIN) 'pytest>=8' 'mcap-ros2-support>=0.5'
 	touch $@
 
 # Commands that are interrupted, killed or out of disk, and hours of use in half an hour: docs/reliability.md holds the tables.
