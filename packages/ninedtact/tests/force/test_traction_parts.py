@@ -42,7 +42,9 @@ def test_heights_and_thickness_are_those_of_the_contact_mechanics(ratio: float) 
     true = skin.operators.displacement_mm(tractions[0], tractions[1:])[0]
     found = ForwardModel(CELLS, gel, 0.6).deform(tractions[:, : CELLS.rows, : CELLS.cols])
     np.testing.assert_allclose(found.height_mm, true, atol=1e-4)
-    np.testing.assert_allclose(found.thickness_change_mm, true - skin.interface_height_mm(tractions[0], tractions[1:]), atol=1e-4)
+    np.testing.assert_allclose(
+        found.thickness_change_mm, true - skin.interface_height_mm(tractions[0], tractions[1:]), atol=1e-4
+    )
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.3])

@@ -72,8 +72,8 @@ class ContactRegionSettings:
     """Fraction of the maximum indentation down to which the median height of the view is the level from which skin counts as
     pressed in: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
     bright_fraction: float = 0.6
-    """Fraction of the maximum brightening. Cells that are brighter lie on gel that bulges beside an object, although skin over a base
-    that yields is low there."""
+    """Fraction of the maximum brightening. Brighter cells lie on gel that bulges beside an object, although skin over a base that
+    yields is low there."""
     dark_fraction: float = 0.5
     """Fraction of the maximum darkening. Cells that are darker than this are in contact, whatever height the depth reader gives."""
 

@@ -62,8 +62,8 @@ class DeformedSkin:
     """Change of the gel's thickness, that at finite strain included."""
     stiffening: SkinField
     """Ratio of the tractions at finite strain to those of the linear gel."""
-    nonlinear_mm: SkinField
-    """The part of the change of thickness that is not linear in the tractions."""
+    linear_mm: SkinField
+    """The change of thickness of the linear gel."""
 
 
 @dataclass(frozen=True)
@@ -156,24 +156,18 @@ class ForwardModel:
     def _part_scattering(self) -> tuple[Float32[Any, "rows down"], Float32[Any, "across cols"]]:
         return self._scattering_from(self._part_places, PARTS_OF_CELL)
 
-    def observed_change(
-        self,
-        law: Callable[[SkinField], SkinField],
-        thickness_change_mm: SkinField,
-        height_mm: SkinField,
-        sight: Sight | None,
-    ) -> View:
-        """Return the change of brightness that is observed on the cells, for a skin of this height on gel of this thickness.
+    def observed_change(self, law: Callable[[SkinField], SkinField], skin: DeformedSkin, sight: Sight | None) -> View:
+        """Return the change of brightness that is observed on the cells.
 
         Brightness has a kink where gel is neither thinner nor thicker, and skin appears displaced by its height. The law is
         therefore applied to parts of cells, where their lines of sight meet the skin, and the image is observed as a camera's is.
         """
         from_rows, from_cols = self._refining
         down, across = self._part_scattering
-        thicker_mm = from_rows @ thickness_change_mm @ from_cols
+        thicker_mm = from_rows @ skin.thickness_change_mm @ from_cols
         if sight is None:
             return down @ law(thicker_mm) @ across
-        thicker_mm = sight.follow(thicker_mm, from_rows @ height_mm @ from_cols)
+        thicker_mm = sight.follow(thicker_mm, from_rows @ skin.height_mm @ from_cols)
         return sight.observe(down @ law(thicker_mm) @ across)
 
     def deform(self, tractions: Tractions) -> DeformedSkin:
@@ -196,7 +190,7 @@ class ForwardModel:
         under[..., :rows, :cols] = xp.clip(thinning / _EDGE_THINNING, min=0, max=1) * (tractions[..., 0, :, :] > 0)
         under_mm = 0.0 if gel.has_rigid_base else -self._to_skin(added, self._interface_compliance)
         nonlinear_mm = around_mm + under * (under_mm - around_mm)
-        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, nonlinear_mm)
+        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, linear_mm)
 
     def thickness_change_mm(self, height_mm: SkinField) -> SkinField:
         """Return the change of the linear gel's thickness where pressure alone gives the skin this height."""
@@ -254,7 +248,7 @@ class InfluenceKernels:
         shear along y on each of them (columns) cause."""
         down, across = (np.subtract.outer(index, index) for index in (row, col))
         skin = self.forward.cells.patch.shape
-        return self._tangential_kernels[:, :, down % skin[0] * skin[1] + across % skin[1]]
+        return self._tangential_kernels.take(down % skin[0] * skin[1] + across % skin[1], axis=2)
 
     @cached_property
     def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:

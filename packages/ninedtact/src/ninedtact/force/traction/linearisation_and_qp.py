@@ -137,7 +137,7 @@ class TractionPrior:
     """Standard deviation of the part of shear over pressure that varies over the contact. A third more than the value found, for
     what the modes cannot represent: with less, wide contacts are read too weak."""
     spread_mm: float = 2.0
-    smooth_mm: float = 0.4
+    smooth_mm: float = 0.5
     """Length below which pressure varies less than exp(−r/ℓ) does, and standard deviation of the Gaussian that smooths it before it
     carries shear. Light that scatters hides a pressure that alternates from cell to cell, which would be found in deep presses."""
 
@@ -256,7 +256,7 @@ class LinearisedBrightnessProblem:
         of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        carried, modes = self.carries[row, col], self.carried_shear.astype(float)
+        carried, modes = self.carries[row, col], self.carried_shear
         between = self.kernels.tangential_between_cells(row, col)
         step = max(float(carried.max()) / GROWTH_STEPS, 1e-9)
         weights = np.zeros((2, modes.shape[1], len(row)))
@@ -347,7 +347,7 @@ class LinearisedBrightnessProblem:
 
 
 def _holding_weights(
-    modes: Float64[Array, "held modes"], between: Float32[Array, "2 3 held n"], held: Bool[Array, " n"]
+    modes: Float32[Array, "held modes"], between: Float32[Array, "2 3 held n"], held: Bool[Array, " n"]
 ) -> Float64[Array, "2 modes n"]:
     """Return the weights of shear modes, along x and along y, that hold the skin of some cells under unit pressure on each cell.
 
@@ -360,9 +360,9 @@ def _holding_weights(
     return -np.linalg.solve(_damped(stiff), pushed).reshape(2, modes.shape[1], -1)
 
 
-def _damped(gram: Float64[Array, "n n"]) -> Float64[Array, "n n"]:
+def _damped(gram: Float32[Array, "n n"]) -> Float64[Array, "n n"]:
     """Return the products of modes with a little damping: neighbouring modes overlap."""
-    return gram + max(MODE_DAMPING * float(gram.max()), 1e-12) * np.eye(len(gram))
+    return gram.astype(float) + max(MODE_DAMPING * float(gram.max()), 1e-12) * np.eye(len(gram))
 
 
 def pressure_precision_spectrum(
