@@ -41,9 +41,11 @@ class BatchedObservation:
 
     def select(self, indices: torch.Tensor) -> "BatchedObservation":
         """Return the observations of some images."""
-        parts = (self.change, self.noise, self.z_mm, self.in_view, self.region, self.touching)
+        change, noise, z_mm, in_view, region, touching = (
+            part[indices] for part in (self.change, self.noise, self.z_mm, self.in_view, self.region, self.touching)
+        )
         sight = replace(self.sight, pixel=self.sight.pixel[indices])
-        return BatchedObservation(*(part[indices] for part in parts), sight)
+        return BatchedObservation(change, noise, z_mm, in_view, region, touching, sight)
 
 
 @dataclass(frozen=True)

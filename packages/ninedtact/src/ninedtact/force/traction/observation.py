@@ -144,7 +144,7 @@ View = Float32[Array, "rows cols"]
 
 _EXTENSION_FACTOR = 2.0
 """Multiple of the calibrated range up to which the depth curve is extrapolated along its last segment."""
-SIGHTLINE_ITERATIONS = 5
+SIGHTLINE_ITERATIONS = 4
 MIN_BRIGHTNESS_NOISE = 2e-4
 """Smallest noise of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
 LOCAL_FRACTION = 0.4

@@ -67,7 +67,7 @@ class SolverSettings:
     """Largest number of linear solves for each quadratic programme."""
     target_decrement: float = 0.5
     """Newton decrement, in standard deviations of any sum of the unknowns, below which the iteration may end."""
-    target_change: float = 0.08
+    target_change: float = 0.06
     """Change of the pressure, relative to its sum, below which the iteration may end: shear is carried by the pressure of the
     iteration before."""
     max_warm_decrement: float = 2.0
@@ -133,7 +133,8 @@ class TractionInversion:
         iterations from it stay farther from convergence than it: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            guess = replace(self._guess_after(last), iterations=0)
+            whole = self._distance(last) <= 1  # a result that has converged needs no smaller step
+            guess = replace(self._guess_after(replace(last, step=1.0) if whole else last), iterations=0)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations, last.step)
             nearest = max(_WARM_SLACK * self._warm_distance(last), 1.0)
             if self._warm_distance(result) <= nearest and result.newton_decrement <= self.solver.max_trusted_decrement:
