@@ -27,6 +27,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from ninedtact.calibration.nominal_shape import nominal_shape
+from ninedtact.errors import DeviceError
 from ninedtact.force.estimator_and_scale import MODULUS_KNOWN, ScaledForceEstimator
 from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.mechanics.base_deflection import BaseDeflection
@@ -198,8 +199,8 @@ def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seco
         if device.kind == "cuda":
             yield Figure(f"{name}: memory, GB", torch.cuda.max_memory_allocated() / 1e9)
             torch.cuda.reset_peak_memory_stats()
-    except RuntimeError as error:
-        if not is_out_of_memory(error):
+    except (RuntimeError, DeviceError) as error:
+        if isinstance(error, RuntimeError) and not is_out_of_memory(error):
             raise
         yield Figure(name, "out of memory")
 
