@@ -27,6 +27,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from ninedtact.calibration.nominal_shape import nominal_shape
+from ninedtact.force.estimator_and_scale import MODULUS_KNOWN, ScaledForceEstimator
+from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.pose import Pose
@@ -36,6 +38,7 @@ from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin_batch import TwinBatch
 from ninedtact_train.batched.depth_reading import BatchedDepthReader
 from ninedtact_train.batched.executor import BatchExecutor, run_sessions
+from ninedtact_train.batched.force_by_physics import BatchedPhysics
 from ninedtact_train.batched.session_requests import (
     Device,
     RenderRequest,
@@ -52,7 +55,8 @@ from ninedtact_train.dataset.generation.settings import GenerationSettings
 ENVIRONMENTS, PITCHES_MM = (64, 256, 1024, 4096, 16384), (0.2, 0.3, 0.4)
 SIZES = {"120x160": (160, 120), "172x230": (230, 172), "345x460": (460, 345)}
 """Sizes of images as (cols, rows)."""
-REQUIRED = {(4096, 0.4, "120x160"): 10_000.0, (4096, 0.2, "345x460"): 5_000.0}
+REQUIRED_OF, ESTIMATES_REQUIRED = 4096, 2_000.0
+REQUIRED = {(REQUIRED_OF, 0.4, "120x160"): 10_000.0, (REQUIRED_OF, 0.2, "345x460"): 5_000.0}
 SESSIONS_REQUIRED = 500.0
 H100_BYTES_PER_S = 3.35e12
 """Memory bandwidth of an H100 SXM (NVIDIA's data sheet)."""
@@ -180,12 +184,17 @@ def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seco
                 yield at_least(each, per_s, required, "per s")
             else:
                 yield Figure(each, per_s, peer=took)
-        images, reader = batch.images(press), depth_reader(batch)
-        reader(images)
-        reading_s, _ = timed(motion, lambda: reader(images), seconds / 3)
-        total_s = step_s + image_s + reading_s
-        each, took = f"{name}, with image {size} and its heights per s", f"heights {1e3 * reading_s:.3g} ms"
-        yield Figure(each, many / total_s, peer=took)
+        images, physics = batch.images(press), batched_physics(batch)
+        for what, call in (("heights", physics.reader), ("heights and force", physics)):
+            call(images)
+            reading_s, _ = timed(motion, lambda call=call: call(images), seconds / 3)
+            each, per_s = f"{name}, with image {size}, estimated {what} per s", many / (step_s + image_s + reading_s)
+            required = ESTIMATES_REQUIRED if what != "heights" and many >= REQUIRED_OF else None
+            took = f"{what} {1e3 * reading_s:.3g} ms"
+            if required and device.kind == "cuda":
+                yield at_least(each, per_s, required, "per s")
+            else:
+                yield Figure(each, per_s, peer=took)
         if device.kind == "cuda":
             yield Figure(f"{name}: memory, GB", torch.cuda.max_memory_allocated() / 1e9)
             torch.cuda.reset_peak_memory_stats()
@@ -208,13 +217,16 @@ class DeviceWork(TorchDispatchMode):
         "detach",
     }
 
+    WAITING: ClassVar = {"_local_scalar_dense", "nonzero"}
+    """Those whose result the processor needs before it goes on."""
+
     def __init__(self) -> None:
         super().__init__()
         self.kernels = self.bytes = self.scalars_read = 0
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         found, name = func(*args, **(kwargs or {})), func.overloadpacket.__name__
-        self.scalars_read += name == "_local_scalar_dense"
+        self.scalars_read += name in self.WAITING
         if not func.is_view and name not in self.WITHOUT_KERNEL:
             self.kernels += 1
             tensors = (one for one in tree_leaves((args, kwargs, found)) if isinstance(one, torch.Tensor))
@@ -230,7 +242,7 @@ class HostReads(TorchFunctionMode):
         self.count = 0
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        self.count += getattr(func, "__name__", "") in ("__array__", "numpy", "tolist")
+        self.count += getattr(func, "__name__", "") in ("__array__", "numpy", "tolist", "cpu")
         return func(*args, **(kwargs or {}))
 
 
@@ -239,12 +251,13 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
     motion, steps = Motion(device, COUNTED, pitch_mm, size), 4
     motion.batch.images(motion.next())
     press = motion.next()
-    images, reader = motion.batch.images(press), depth_reader(motion.batch)
-    reader(images)
+    images, physics = motion.batch.images(press), batched_physics(motion.batch, fixed_schedule=True)
+    physics(images)
     calls = {
         "contact and wrench": motion.next,
         f"image {size}": lambda: motion.batch.images(press),
-        "heights of an image": lambda: reader(images),
+        "heights of an image": lambda: physics.reader(images),
+        "heights and force of an image": lambda: physics(images),
     }
     for what, call in calls.items():
         with HostReads() as reads, DeviceWork() as work:
@@ -259,14 +272,13 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
         )
 
 
-def depth_reader(batch: TwinBatch) -> BatchedDepthReader:
-    """Return a reader of the batch's images, with all that a calibrated one computes."""
-    grey = batch._reference.cpu().numpy()
-    shape = nominal_shape(grey)
+def batched_physics(batch: TwinBatch, fixed_schedule: bool | None = None) -> BatchedPhysics:
+    """Return the reader of the batch's images, with all that a calibrated one computes, and the estimator by physics."""
+    grey, gel = batch._reference.cpu().numpy(), batch.twin.gel
+    shape = replace(nominal_shape(grey), base_deflection=BaseDeflection(gel))
     reader = shape.depth_reader(Frame(cv2.cvtColor(np.uint8(grey), cv2.COLOR_GRAY2BGR)))
-    return BatchedDepthReader(
-        shape.rectify, replace(reader, base_deflection=BaseDeflection(batch.twin.gel)), batch.device
-    )
+    physics = ScaledForceEstimator(build_traction_force(shape, gel), MODULUS_KNOWN)
+    return BatchedPhysics(BatchedDepthReader(shape.rectify, reader, batch.device), physics, fixed_schedule)
 
 
 def timed(motion: Motion, call: Any, seconds: float) -> tuple[float, Any]:

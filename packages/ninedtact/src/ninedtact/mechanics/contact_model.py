@@ -41,16 +41,17 @@ from ninedtact.mechanics.numpy_or_torch_arrays import (
     ScalarPerContact,
     array_namespace_of,
     drop_grid_axes,
-    drop_grid_axes_of_counts,
     expand_over_grid,
     forward_transform,
     half_with_all_unconverged,
     inverse_transform,
     map_arrays,
     max_over_grid,
+    may_look_after_round,
     put_contacts,
     take_contacts,
     to_numpy,
+    to_numpy_together,
 )
 from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin, VectorField
@@ -139,6 +140,8 @@ class AlternatingSolver:
         for count in range(left):
             state = rounds.next(state)
             iterations = iterations + state.iterations
+            if not may_look_after_round(count + 1, iterations) and count + 1 < left:
+                continue
             unconverged = np.atleast_1d(to_numpy(state.iterations)[..., 0, 0]) > 0
             if not unconverged.any():
                 break
@@ -211,8 +214,7 @@ class ContactProblem:
     def deepest_mm(self, solved: Contact) -> ScalarPerContact:
         """Return how far each object reaches into the skin at the depth that was found: its origin, or under a tilt its lowest
         point."""
-        lowest = drop_grid_axes(max_over_grid(self.overlap_mm)) + (solved.pose.depth_mm - self.pose.depth_mm)
-        return np.maximum(solved.pose.depth_mm, lowest)
+        return deepest_of_solved_mm(solved, self.pose, drop_grid_axes(max_over_grid(self.overlap_mm)))
 
     def solve(self, region: ActiveRegion, settings: SolverSettings) -> tuple[Contact, PointMask]:
         """Return the contact solved in a region, and where on the grid its skin is inside the object beyond the tolerance.
@@ -232,14 +234,16 @@ class ContactProblem:
         result = solver.solve(solver.initial_state(*(region.crop(guess) for guess in start)))
         pressure, shear = result.state.pressure, result.state.shear
         tractions = region.embed(pressure.pressure_mpa), region.embed(shear.shear_mpa)
+        numbers = to_numpy_together(pressure.depth_increase_mm, result.residual_mm, result.iterations)
+        deeper_mm, residual_mm, iterations = map(drop_grid_axes, numbers)
         contact = Contact(
             self.last.skin,
-            replace(self.pose, depth_mm=self.pose.depth_mm + drop_grid_axes(pressure.depth_increase_mm)),
+            replace(self.pose, depth_mm=self.pose.depth_mm + deeper_mm),
             *tractions,
             *region.whole_grid_operators.displacement_mm(*tractions),
             self.friction,
-            drop_grid_axes(result.residual_mm),
-            drop_grid_axes_of_counts(result.iterations),
+            residual_mm,
+            int(iterations) if isinstance(iterations, float) else np.asarray(iterations).astype(int),
         )
         deeper = pressure.depth_increase_mm
         level = settings.tolerance_mm(self.depth_mm + deeper) - deeper
@@ -248,6 +252,11 @@ class ContactProblem:
     def _over_batch(self, field: Any, axes: int) -> Any:
         """Return one field for every pose of the batch, including fields that are the same for all poses."""
         return _broadcast_to_batch(self.pose, field, axes)
+
+
+def deepest_of_solved_mm(solved: Contact, pose: Pose, max_overlap_mm: ScalarPerContact) -> ScalarPerContact:
+    """Return `ContactProblem.deepest_mm` of objects that overlapped with the undeformed skin by so much at this pose."""
+    return np.maximum(solved.pose.depth_mm, max_overlap_mm + (solved.pose.depth_mm - pose.depth_mm))
 
 
 def build_contact_problem_at_pose(
@@ -359,7 +368,7 @@ def _carried_mm(last: Contact, pose: Pose) -> VectorField:
     A point that touched keeps its grid point and has moved with the object. A point that did not keeps its place on the
     sensor, so it is another point of the grid now. Fields are not rotated by twists, since one step twists by little.
     """
-    if not last.touches:
+    if last.pressure_mpa.ndim == 2 and not last.touches:  # to ask of a batch would stop a device
         return last.tangential_mm
     by = pose.x_mm - last.pose.x_mm, pose.y_mm - last.pose.y_mm
     free = _shift_periodic_field(last.skin, last.tangential_mm, by) if any(map(np.any, by)) else last.tangential_mm

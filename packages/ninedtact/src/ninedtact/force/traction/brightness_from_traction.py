@@ -2,26 +2,32 @@
 
 Tractions are in units of the shear modulus, so that everything here depends on the gel's geometry alone. `ForwardModel` computes
 whole fields by Fourier transforms; `InfluenceKernels` gives the response to single cells, from which the inversion builds its
-matrices.
+matrices. `ForwardModel` takes single fields or batches, in NumPy or torch (`ForwardModel.like`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from jaxtyping import Complex64, Float32, Int
+from jaxtyping import Complex64, Float, Float32, Int
 from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.observation import CellGrid
 from ninedtact.mechanics.finite_strain import finite_strain_stiffening, finite_strain_thickening_mm
-from ninedtact.mechanics.numpy_or_torch_arrays import forward_transform, inverse_transform
+from ninedtact.mechanics.numpy_or_torch_arrays import (
+    array_namespace_of,
+    forward_transform,
+    inverse_transform,
+    max_over_grid,
+)
 from ninedtact.mechanics.skin import Skin
 
-View = Float32[Array, "rows cols"]
-SkinField = Float32[Array, "skin_rows skin_cols"]
-Tractions = Float32[Array, "3 rows cols"]
+View = Float32[Any, "*batch rows cols"]
+SkinField = Float32[Any, "*batch skin_rows skin_cols"]
+Tractions = Float32[Any, "*batch 3 rows cols"]
 """Pressure, and shear along x and along y, over the shear modulus."""
 Indices = Int[Array, " n"]
 
@@ -55,33 +61,35 @@ class ForwardModel:
     """Its shear modulus does not count: tractions are in units of it."""
     point_spread_mm: float
     """Standard deviation of the point-spread."""
+    like: Any = field(default_factory=lambda: np.zeros((), np.float32), compare=False, repr=False)
+    """An array whose library and device the fields have."""
 
     @cached_property
-    def compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+    def compliance(self) -> Complex64[Any, "3 skin_rows half"]:
         """Change of the gel's thickness over pressure and over shear along x and y, per wave vector."""
         return self._height_compliance - self._interface_compliance
 
     @cached_property
-    def _height_compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+    def _height_compliance(self) -> Complex64[Any, "3 skin_rows half"]:
         """Height over pressure and over shear along x and y, per wave vector."""
         parts = self._skin.fourier_symbols
         return self._on_cells(-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"])
 
     @cached_property
-    def _interface_compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+    def _interface_compliance(self) -> Complex64[Any, "3 skin_rows half"]:
         """Height of the gel's bottom over pressure and over shear along x and y, per wave vector."""
         return self._on_cells(*self._skin.interface_symbols)
 
     @cached_property
-    def _tangential_compliance(self) -> Complex64[Array, "2 3 skin_rows half"]:
+    def _tangential_compliance(self) -> Complex64[Any, "2 3 skin_rows half"]:
         """Displacement of the skin along x and y over pressure and over shear along x and y, per wave vector."""
         parts = self._skin.fourier_symbols
         along_x = self._on_cells(1j * parts["bulge_x"], parts["xx"], parts["xy"])
         along_y = self._on_cells(1j * parts["bulge_y"], parts["xy"], parts["yy"])
-        return np.stack([along_x, along_y])
+        return array_namespace_of(along_x).stack([along_x, along_y])
 
     @cached_property
-    def sticking_shear(self) -> Complex64[Array, "2 skin_rows half"]:
+    def sticking_shear(self) -> Complex64[Any, "2 skin_rows half"]:
         """Shear along x and y over pressure, per wave vector, that keeps the skin from moving sideways.
 
         Pressure spreads the gel outwards. Skin that sticks to the object does not follow, so that the object pulls it inwards.
@@ -95,40 +103,41 @@ class ForwardModel:
     @cached_property
     def _skin(self) -> Skin:
         """The periodic skin of a gel with a shear modulus of one."""
-        return Skin(self.cells.patch, replace(self.gel, shear_modulus_mpa=1.0), np.zeros(()))
+        return Skin(self.cells.patch, replace(self.gel, shear_modulus_mpa=1.0), self.like)
 
-    def _on_cells(self, *symbols: Array) -> Complex64[Array, "symbols skin_rows half"]:
+    def _on_cells(self, *symbols: Array) -> Complex64[Any, "symbols skin_rows half"]:
         """Return symbols for tractions that are uniform over cells: those of points times the sinc of each axis."""
         wave_x, wave_y = self.cells.patch.wave_vectors
         turns = self.cells.pitch_mm / (2 * np.pi)
-        return (np.stack(symbols) * np.sinc(wave_x * turns) * np.sinc(wave_y * turns)).astype(np.complex64)
+        waves = np.stack(symbols) * np.sinc(wave_x * turns) * np.sinc(wave_y * turns)
+        return self._skin.asarray(waves.real) + 1j * self._skin.asarray(waves.imag)
 
     @cached_property
-    def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
+    def point_spread(self) -> tuple[Float32[Any, "rows skin_rows"], Float32[Any, "skin_cols cols"]]:
         """Weights with which light scatters from the skin into the cells of the view, one axis at a time."""
         # The signal of a cell is the mean over a cell, which is a point spread of variance pitch²/12 on each axis.
         sigma_mm = float(np.hypot(self.point_spread_mm, self.cells.pitch_mm / np.sqrt(12)))
         down, across = (_gaussian_weights(self.cells, axis, sigma_mm) for axis in (0, 1))
-        return down, np.ascontiguousarray(across.T)
+        return self._skin.asarray(down), self._skin.asarray(across.T)
 
     def deform(self, tractions: Tractions) -> DeformedSkin:
         """Return all skin under tractions of the linear gel on the view, with thickness as in `correct_for_finite_strain`."""
-        (rows, cols), shape, gel = tractions.shape[1:], self.cells.patch.shape, self.gel
-        waves = forward_transform(tractions, shape)
+        (rows, cols), shape, gel = tractions.shape[-2:], self.cells.patch.shape, self.gel
+        xp, waves = array_namespace_of(tractions), forward_transform(tractions, shape)
         height_mm = self._to_skin(waves, self._height_compliance)
         linear_mm = height_mm if gel.has_rigid_base else height_mm - self._to_skin(waves, self._interface_compliance)
         # An iteration far from the solution may press further than through the gel.
-        stiffening = finite_strain_stiffening(height_mm, np.maximum(linear_mm, np.float32(-gel.thickness_mm)), gel)
-        added = forward_transform(tractions * (stiffening[:rows, :cols] - 1), shape)
-        change_by_pressure_mm = self._to_skin(waves[:1], self.compliance[:1])
-        tangential_mm = np.stack([self._to_skin(waves, each) for each in self._tangential_compliance])
+        stiffening = finite_strain_stiffening(height_mm, xp.clip(linear_mm, min=-gel.thickness_mm), gel)
+        added = forward_transform(tractions * (stiffening[..., None, :rows, :cols] - 1), shape)
+        change_by_pressure_mm = self._to_skin(waves[..., :1, :, :], self.compliance[:1])
+        tangential_mm = self._to_skin(waves[..., None, :, :, :], self._tangential_compliance)
         thickening_mm = finite_strain_thickening_mm(
-            change_by_pressure_mm, -linear_mm.min(), gel, self.cells.patch, tangential_mm
+            change_by_pressure_mm, max_over_grid(-linear_mm), gel, self.cells.patch, tangential_mm
         )
-        around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[1:], self.compliance[1:])
-        thinning = -linear_mm[:rows, :cols] / gel.thickness_mm
-        under = np.zeros(shape, np.float32)
-        under[:rows, :cols] = np.clip(thinning / _EDGE_THINNING, 0, 1) * (tractions[0] > 0)
+        around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[..., 1:, :, :], self.compliance[1:])
+        thinning = -linear_mm[..., :rows, :cols] / gel.thickness_mm
+        under = xp.zeros_like(linear_mm)
+        under[..., :rows, :cols] = xp.clip(thinning / _EDGE_THINNING, min=0, max=1) * (tractions[..., 0, :, :] > 0)
         under_mm = 0.0 if gel.has_rigid_base else -self._to_skin(added, self._interface_compliance)
         nonlinear_mm = around_mm + under * (under_mm - around_mm)
         return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, nonlinear_mm)
@@ -137,15 +146,20 @@ class ForwardModel:
         """Return the change of the linear gel's thickness where pressure alone gives the skin this height."""
         if self.gel.has_rigid_base:
             return height_mm
-        pressed, sunk = self._height_compliance[0].real, self._interface_compliance[0].real
-        share = 1 - np.divide(sunk, pressed, out=np.ones_like(sunk), where=pressed != 0)
-        waves = forward_transform(height_mm, height_mm.shape)
-        return inverse_transform(waves * share, height_mm.shape, height_mm.shape)
+        waves = forward_transform(height_mm, self.cells.patch.shape)
+        return inverse_transform(waves * self._thickness_share, self.cells.patch.shape, self.cells.patch.shape)
 
-    def _to_skin(self, waves: Array, compliance: Array) -> SkinField:
+    @cached_property
+    def _thickness_share(self) -> Float[Any, "skin_rows half"]:
+        """Change of thickness over height by pressure, per wave vector."""
+        pressed, sunk = self._skin.fourier_symbols["normal"], -self._skin.interface_symbols[0].real
+        share = 1 - np.divide(sunk, pressed, out=np.ones_like(sunk), where=pressed != 0)
+        return self._skin.asarray(share)
+
+    def _to_skin(self, waves: Any, compliance: Any) -> SkinField:
         """Return the field of all skin that tractions, given as waves, cause by a compliance."""
         shape = self.cells.patch.shape
-        return inverse_transform((waves * compliance).sum(axis=0), shape, shape)
+        return inverse_transform((waves * compliance).sum(axis=-3), shape, shape)
 
     def scatter(self, change: SkinField) -> View:
         """Return the change of brightness that the camera observes, after scattering, for a change on all skin."""
@@ -218,11 +232,16 @@ def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int])
 
     The window at `influence_window_indices` is the response to one cell of the view.
     """
+    shape = cells.rows + 2 * around[0], cells.cols + 2 * around[1]
+    return sliding_window_view(influence_kernel(cells, transfer, around), shape)
+
+
+def influence_kernel(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Float32[Array, "tall wide"]:
+    """Return the array of which `influence_windows` are windows."""
     skin, view = cells.patch.shape, cells.shape
     kernel = np.fft.irfft2(transfer, s=skin).astype(np.float32)
     down, across = (np.arange(1 - side - beyond, side + beyond) for side, beyond in zip(view, around, strict=True))
-    shape = view[0] + 2 * around[0], view[1] + 2 * around[1]
-    return sliding_window_view(kernel[np.ix_(down % skin[0], across % skin[1])], shape)
+    return kernel[np.ix_(down % skin[0], across % skin[1])]
 
 
 def influence_window_indices(cells: CellGrid, row: Indices, col: Indices) -> tuple[Indices, Indices]:

@@ -31,9 +31,9 @@ from ninedtact.force.traction.brightness_from_traction import (
 )
 from ninedtact.force.traction.observation import CellGrid
 
-_WRONG_SIDE_STDS = 0.05
+WRONG_SIDE_STDS = 0.05
 """Distance beyond the bound, in an unknown's own standard deviations, from which it counts as on the wrong side."""
-_MAX_FAILED_EXCHANGES = 3
+MAX_FAILED_EXCHANGES = 3
 """Number of consecutive block exchanges that may fail to reduce the number of unknowns on the wrong side."""
 
 
@@ -68,8 +68,8 @@ class NonNegativeQP:
     def wrong_side(self, solution: "QPSolution", precision_root: Float64[Array, " n"]) -> Bool[Array, " n"]:
         """Return a mask of the unknowns on the wrong side: free ones that are negative, and held ones that would rise."""
         held = ~solution.free
-        rising = held & (self.negative_gradient - self.curvature @ solution.x > _WRONG_SIDE_STDS * precision_root)
-        negative = solution.free & (solution.x * precision_root < -_WRONG_SIDE_STDS)
+        rising = held & (self.negative_gradient - self.curvature @ solution.x > WRONG_SIDE_STDS * precision_root)
+        negative = solution.free & (solution.x * precision_root < -WRONG_SIDE_STDS)
         negative[self.bounded :] = False
         return rising | negative
 
@@ -96,10 +96,10 @@ def solve_nonnegative_qp(problem: NonNegativeQP, free: Bool[Array, " n"], max_so
     """Return the minimum, starting from a guess of the free unknowns, or the last iterate after `max_solves`, clipped at zero."""
     precision_root = problem.precision_root()
     solution = problem.solve_free(free)
-    wrong, fewest, chances = problem.wrong_side(solution, precision_root), len(free) + 1, _MAX_FAILED_EXCHANGES
+    wrong, fewest, chances = problem.wrong_side(solution, precision_root), len(free) + 1, MAX_FAILED_EXCHANGES
     while solution.solve_count < max_solves and wrong.any():
         count = int(wrong.sum())
-        fewest, chances = (count, _MAX_FAILED_EXCHANGES) if count < fewest else (fewest, chances - 1)
+        fewest, chances = (count, MAX_FAILED_EXCHANGES) if count < fewest else (fewest, chances - 1)
         exchanged = wrong if chances >= 0 else _keep_last(wrong)
         solution = problem.solve_free(solution.free ^ exchanged, solution.solve_count + 1)
         wrong = problem.wrong_side(solution, precision_root)
@@ -113,9 +113,9 @@ def _keep_last(mask: Bool[Array, " n"]) -> Bool[Array, " n"]:
     return alone
 
 
-_MIN_MODE_POWER = 0.01
+MIN_MODE_POWER = 0.01
 """Fraction of the strongest shear mode's power below which a mode is left out."""
-_MODE_DAMPING = 1e-3
+MODE_DAMPING = 1e-3
 """Damping of the projection on shear modes, relative to the strongest of them: neighbouring modes overlap."""
 _CELLS_PER_BATCH = 64
 """Number of cells whose fields are computed together, small enough for the processor's cache."""
@@ -163,9 +163,13 @@ class DiscretePrior:
 
     @cached_property
     def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:
+        return influence_windows(self.cells, self.precision_spectrum, (0, 0))
+
+    @property
+    def precision_spectrum(self) -> Float32[Array, "skin_rows half"]:
+        """The precision of pressure for a strain of one, per wave vector."""
         wave = np.hypot(*self.cells.patch.wave_vectors)
-        spectrum = pressure_precision_spectrum(wave, self.prior, self.cells.pitch_mm)
-        return influence_windows(self.cells, spectrum, (0, 0))
+        return pressure_precision_spectrum(wave, self.prior, self.cells.pitch_mm)
 
 
 @dataclass(frozen=True)
@@ -239,7 +243,7 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         carried = self.prior.shear_modes[row * self.region.shape[1] + col] * self.carries[row, col][:, None]
         power = (carried**2).sum(axis=0)
-        return np.ascontiguousarray(carried[:, power >= _MIN_MODE_POWER * power.max()])
+        return np.ascontiguousarray(carried[:, power >= MIN_MODE_POWER * power.max()])
 
     @cached_property
     def sticking_weights(self) -> Float32[Array, "n weights"]:
@@ -250,7 +254,7 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         modes = self.carried_shear.astype(float)
         gram = modes.T @ modes
-        gram[np.diag_indices_from(gram)] += max(_MODE_DAMPING * float(gram.max()), 1e-12)
+        gram[np.diag_indices_from(gram)] += max(MODE_DAMPING * float(gram.max()), 1e-12)
         projection = self.sticking_part * np.linalg.solve(gram, modes.T).T.astype(np.float32)
         sticking = self.kernels.sticking_shear_of_cells(row, col)
         return np.concatenate([shear[:, row, col] @ projection for shear in sticking], axis=1)

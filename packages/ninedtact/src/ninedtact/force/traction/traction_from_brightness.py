@@ -36,20 +36,20 @@ from ninedtact.force.traction.linearisation_and_qp import (
 )
 from ninedtact.force.traction.observation import BrightnessLaw, ObservationOnCells
 
-_WINKLER_PER_MM = 3.9
+WINKLER_PER_MM = 3.9
 """Pressure (over the shear modulus) per mm of indentation in the middle of presses, used for the initial guess."""
-_MIN_PRIOR_DEPTH_MM = 0.02
+MIN_PRIOR_DEPTH_MM = 0.02
 """Smallest indentation by which the prior of pressure is scaled."""
-_SMALLEST_STEP = 0.25
+SMALLEST_STEP = 0.25
 """Smallest part of the way to a result by which the point of linearisation moves."""
-_RELAXATION_LIMITS = 0.3, 1.5
+RELAXATION_LIMITS = 0.3, 1.5
 """Smallest and largest part of the way to the part of a skin that is not linear by which that part moves."""
-_SLIDES_FROM = 0.8
+SLIDES_FROM = 0.8
 """Shear over pressure from which a contact is taken to slide, so that the skin under it spreads freely. Loads of sheared contacts
 with friction of 0.4 and 1 are right to a tenth with it; they were up to a third too large where the skin was held."""
-_STICKING_CHANGE = 2.0
+STICKING_CHANGE = 2.0
 """Weight of a change of the part that sticks among those of the pressure."""
-_LEVEL_STD = 0.003
+LEVEL_STD = 0.003
 """Standard deviation of the relative brightness offset that all cells share."""
 
 
@@ -163,7 +163,7 @@ class TractionInversion:
             if self._distance(result) < self._distance(best):
                 best = result
             else:
-                step = max(step / 2, _SMALLEST_STEP)
+                step = max(step / 2, SMALLEST_STEP)
         return best
 
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
@@ -180,7 +180,7 @@ class TractionInversion:
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
         misfit = self._misfit(observation, skin.thickness_change_mm)
         change = np.abs(tractions[0] - guess.tractions[0]).sum() / max(float(tractions[0].sum()), 1e-9)
-        change = max(change, _STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
+        change = max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
         return InversionResult(
             tractions,
             skin,
@@ -197,7 +197,7 @@ class TractionInversion:
         self, observation: ObservationOnCells, region: View, guess: InitialGuess
     ) -> LinearisedBrightnessProblem:
         """Return the problem linearised about the guessed skin."""
-        depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
+        depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), MIN_PRIOR_DEPTH_MM)
         strain = depth_mm / self.forward.gel.thickness_mm
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
@@ -205,7 +205,7 @@ class TractionInversion:
         whitener = self._whitener(observation, guess.misfit)
         sticking_part = _sticking_part(guess.tractions)
         return LinearisedBrightnessProblem(
-            self._kernels, self._discrete_prior, region, carries, slope, whitener, strain, sticking_part
+            self.kernels, self.discrete_prior, region, carries, slope, whitener, strain, sticking_part
         )
 
     def _guess_from_heights(self, observation: ObservationOnCells, region: View) -> InitialGuess:
@@ -213,7 +213,7 @@ class TractionInversion:
         thickness_change_mm = self.forward.thickness_change_mm(self._extend_to_skin(observation.z_mm))
         rows, cols = region.shape
         tractions = np.zeros((3, rows, cols), np.float32)
-        tractions[0] = np.maximum(-thickness_change_mm[:rows, :cols], 0) * region * np.float32(_WINKLER_PER_MM)
+        tractions[0] = np.maximum(-thickness_change_mm[:rows, :cols], 0) * region * np.float32(WINKLER_PER_MM)
         return InitialGuess(tractions, thickness_change_mm)
 
     def _misfit(self, observation: ObservationOnCells, thickness_change_mm: SkinField) -> float:
@@ -225,7 +225,7 @@ class TractionInversion:
     def _whitener(self, observation: ObservationOnCells, misfit: float) -> Whitener:
         """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
         std = np.float32(np.hypot(observation.error, observation.noise) * misfit)
-        return Whitener(observation.in_view / std, _LEVEL_STD)
+        return Whitener(observation.in_view / std, LEVEL_STD)
 
     def _extend_to_skin(self, z_mm: View) -> SkinField:
         """Extend heights of the view to all skin by repeating those of its border."""
@@ -234,11 +234,13 @@ class TractionInversion:
         return z_mm[np.ix_(row, col)]
 
     @cached_property
-    def _kernels(self) -> InfluenceKernels:
+    def kernels(self) -> InfluenceKernels:
+        """The responses to the traction on single cells."""
         return InfluenceKernels(self.forward)
 
     @cached_property
-    def _discrete_prior(self) -> DiscretePrior:
+    def discrete_prior(self) -> DiscretePrior:
+        """The prior on the cells."""
         return DiscretePrior(self.forward.cells, self.prior)
 
 
@@ -258,17 +260,17 @@ class _RelaxedField:
         if self.last_residual_mm is not None:
             change_mm = residual_mm - self.last_residual_mm
             secant = float(np.vdot(self.last_residual_mm, change_mm)) / max(float(np.vdot(change_mm, change_mm)), 1e-12)
-            relaxation = float(np.clip(-relaxation * secant, *_RELAXATION_LIMITS))
+            relaxation = float(np.clip(-relaxation * secant, *RELAXATION_LIMITS))
         return _RelaxedField(self.field_mm + np.float32(relaxation) * residual_mm, residual_mm, relaxation)
 
 
 def _sticking_part(tractions: Tractions) -> float:
     """Return the part of the shear which keeps the skin in place that friction still bears under these tractions."""
     pressed, along_x, along_y = tractions.sum(axis=(1, 2)).tolist()
-    return max(1 - float(np.hypot(along_x, along_y)) / max(_SLIDES_FROM * pressed, 1e-9), 0.0)
+    return max(1 - float(np.hypot(along_x, along_y)) / max(SLIDES_FROM * pressed, 1e-9), 0.0)
 
 
-_THICKNESS_EXPONENT = 1.0
+THICKNESS_EXPONENT = 1.0
 """Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load."""
 
 
@@ -304,7 +306,7 @@ class UncertaintyModel:
         """
         forward, pressure = result.problem.kernels.forward, result.tractions[0].astype(float)
         unresolved = self._unresolved(pressure, forward)
-        relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
+        relative_variance = self.model**2 + (THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
         relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
         extent = pressure_rms_radii(pressure, *forward.cells.coordinates_mm)
