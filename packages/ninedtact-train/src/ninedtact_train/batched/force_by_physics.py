@@ -69,7 +69,9 @@ class BatchedPhysics:
     """Whether the processor looks at results on the device only once an iteration. None: where the device is a GPU."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.estimator, ScaledForceEstimator) or not isinstance(self.estimator.estimator, TractionForce):
+        if not isinstance(self.estimator, ScaledForceEstimator) or not isinstance(
+            self.estimator.estimator, TractionForce
+        ):
             raise InputError(
                 expected="the estimator by physics of a calibrated sensor",
                 got=f"{self.estimator.name!r}",
