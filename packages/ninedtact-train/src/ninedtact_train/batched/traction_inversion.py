@@ -18,7 +18,7 @@ from ninedtact.force.traction import linearisation_and_qp as qp
 from ninedtact.force.traction import traction_from_brightness as single
 from ninedtact.force.traction.brightness_from_traction import DeformedSkin, ForwardModel, influence_kernel
 from ninedtact.force.traction.observation import BrightnessLaw
-from ninedtact_train.batched.contact_cells import BatchedObservation, Numbers, Views, blurred
+from ninedtact_train.batched.contact_cells import BatchedObservation, Numbers, Views, smoothed
 
 _EXCHANGES = 6
 """Exchanges of bounded unknowns in each iteration, where the inversion of one image takes one to five. What is then still on the
@@ -235,7 +235,7 @@ class BatchedTractionInversion:
         used = region.flatten(1).gather(1, index)
         square = (observation.z_mm.square() * region).sum((1, 2)) / region.sum((1, 2))
         strain = square.sqrt().clamp(min=single.MIN_PRIOR_DEPTH_MM) / forward.gel.thickness_mm
-        carries = blurred(guess.tractions[:, 0] * region, self.inversion.prior.smooth_mm / forward.cells.pitch_mm)
+        carries = smoothed(guess.tractions[:, 0] * region, self.inversion.prior.smooth_mm / forward.cells.pitch_mm)
         carried = self._carried_shear(index, used * carries.flatten(1).gather(1, index), modes)
         sticking_part = _sticking_part(guess.tractions)
         sticking = self._sticking_weights(index, used, carried, sticking_part)

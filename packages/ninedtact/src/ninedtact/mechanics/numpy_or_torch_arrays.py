@@ -47,7 +47,7 @@ def to_numpy_together(*values: Any) -> tuple[Float[Array, "..."], ...]:
         return tuple(map(to_numpy, values))
     xp = array_namespace_of(values[0])
     together = to_numpy(xp.concat([xp.astype(xp.reshape(one, (-1,)), xp.float64) for one in values]))
-    ends = np.cumsum([one.size if isinstance(one.size, int) else np.prod(one.shape, dtype=int) for one in values])
+    ends = np.cumsum([np.prod(one.shape, dtype=int) for one in values])
     parts = np.split(together, ends[:-1])
     return tuple(part.reshape(one.shape) for part, one in zip(parts, values, strict=True))
 
