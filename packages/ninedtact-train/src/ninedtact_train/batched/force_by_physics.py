@@ -65,8 +65,8 @@ class BatchedPhysics:
     reader: BatchedDepthReader
     estimator: ForceEstimator
     """The sensor's own; raises `InputError` for any but that by physics."""
-    fixed_schedule: bool | None = None
-    """Whether the processor looks at results on the device only once an iteration. None: where the device is a GPU."""
+    gpu_schedule: bool | None = None
+    """Whether batches are large, and the processor looks at results only once an iteration. None: where the device is a GPU."""
 
     def __post_init__(self) -> None:
         scaled = self.estimator
@@ -194,8 +194,8 @@ class BatchedPhysics:
         reference, physics = self.reader.reader.reference, self._physics
         cells = cell_grid_over_image(reference.grey.shape, reference.mm_per_px, physics.gel.thickness_mm)
         error, device = LOCAL_FRACTION * self._model.curve_error, self.reader.device
-        fixed = torch.device(device).type == "cuda" if self.fixed_schedule is None else self.fixed_schedule
-        return BatchedTractionInversion(physics.build_inversion(cells), error, device, not fixed)
+        on_gpu = torch.device(device).type == "cuda" if self.gpu_schedule is None else self.gpu_schedule
+        return BatchedTractionInversion(physics.build_inversion(cells), error, device, on_gpu)
 
     @cached_property
     def _places_mm(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -25,7 +25,7 @@ _EXCHANGES = 6
 wrong side is exchanged in the next iteration."""
 _MODES_STEP, _CELLS_STEP = 8, 32
 """Steps of the numbers of modes and cells, so that few sizes occur."""
-_LARGEST_BATCH = {"cpu": 1 << 20, "cuda": 1 << 26}
+_LARGEST_BATCH, _LARGEST_GPU_BATCH = 1 << 20, 1 << 26
 """Numbers that the influences of the cells of a batch may have: what fits into the processor's cache, and what fills a GPU."""
 
 SkinFields = Float32[torch.Tensor, "batch skin_rows skin_cols"]
@@ -126,8 +126,8 @@ class BatchedTractionInversion:
     calibration_error: float
     """Standard deviation of the change due to the calibration (`ObservationOnCells.error`)."""
     device: str
-    looks: bool
-    """Whether the processor looks after every exchange of bounded unknowns if another one is needed, which makes a GPU wait."""
+    gpu_schedule: bool
+    """Whether batches are large, and the processor looks only once an iteration what is needed; else after every exchange too."""
 
     def invert(self, observation: BatchedObservation) -> BatchedInversionResult:
         """Return the tractions that explain each observation, from itself alone; zero where nothing touches."""
@@ -156,7 +156,8 @@ class BatchedTractionInversion:
         numbers = self._height_windows[0].shape[2:].numel()
         while len(order):
             cells = _up_to(int(sizes[0, order[0]]), _CELLS_STEP, region.shape[1])
-            many = max(_LARGEST_BATCH["cuda" if region.is_cuda else "cpu"] // (cells * numbers), 1)
+            largest = _LARGEST_GPU_BATCH if self.gpu_schedule else _LARGEST_BATCH
+            many = max(largest // (cells * numbers), 1)
             # No more than half of the unknowns of a contact are without effect.
             part = order[:many]
             part = part[sizes[0, part] * 2 + _CELLS_STEP >= cells]
@@ -205,7 +206,7 @@ class BatchedTractionInversion:
         target = problem.negative_gradient(observation.change - forward.scatter(offset))
         free = guess.tractions[:, 0].flatten(1).gather(1, problem.index) > 0
         weights = free.new_ones(len(free), problem.curvature.shape[1] - cells)
-        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, self.looks)
+        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, not self.gpu_schedule)
         tractions = problem.tractions(solution.x, (rows, cols))
         skin = forward.deform(tractions)
         law, _ = self._law(skin.thickness_change_mm)

@@ -130,14 +130,6 @@ def drop_grid_axes_of_counts(numbers: PerContact) -> CountPerContact:
     return int(values) if isinstance(values, float) else np.asarray(values).astype(int)
 
 
-def may_look_after_round(rounds: int, unconverged: Any) -> bool:
-    """Return whether it is time to see which contacts have converged after so many rounds: always for a single contact.
-
-    The first round of a batch only ever confirms contacts that did not move.
-    """
-    return unconverged.ndim == 2 or rounds > 1
-
-
 def may_stop_after(iterations: int, unconverged: ContactFlags) -> bool:
     """Return whether it is time to look if all contacts have converged: always for a single contact.
 
