@@ -252,7 +252,7 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
     motion, steps = Motion(device, COUNTED, pitch_mm, size), 4
     motion.batch.images(motion.next())
     press = motion.next()
-    images, physics = motion.batch.images(press), batched_physics(motion.batch, fixed_schedule=True)
+    images, physics = motion.batch.images(press), batched_physics(motion.batch, gpu_schedule=True)
     physics(images)
     calls = {
         "contact and wrench": motion.next,
@@ -273,13 +273,13 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
         )
 
 
-def batched_physics(batch: TwinBatch, fixed_schedule: bool | None = None) -> BatchedPhysics:
+def batched_physics(batch: TwinBatch, gpu_schedule: bool | None = None) -> BatchedPhysics:
     """Return the reader of the batch's images, with all that a calibrated one computes, and the estimator by physics."""
     grey, gel = batch._reference.cpu().numpy(), batch.twin.gel
     shape = replace(nominal_shape(grey), base_deflection=BaseDeflection(gel))
     reader = shape.depth_reader(Frame(cv2.cvtColor(np.uint8(grey), cv2.COLOR_GRAY2BGR)))
     physics = ScaledForceEstimator(build_traction_force(shape, gel), MODULUS_KNOWN)
-    return BatchedPhysics(BatchedDepthReader(shape.rectify, reader, batch.device), physics, fixed_schedule)
+    return BatchedPhysics(BatchedDepthReader(shape.rectify, reader, batch.device), physics, gpu_schedule)
 
 
 def timed(motion: Motion, call: Any, seconds: float) -> tuple[float, Any]:

@@ -65,13 +65,12 @@ class BatchedPhysics:
     reader: BatchedDepthReader
     estimator: ForceEstimator
     """The sensor's own; raises `InputError` for any but that by physics."""
-    fixed_schedule: bool | None = None
-    """Whether the processor looks at results on the device only once an iteration. None: where the device is a GPU."""
+    gpu_schedule: bool | None = None
+    """Whether batches are large, and the processor looks at results only once an iteration. None: where the device is a GPU."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.estimator, ScaledForceEstimator) or not isinstance(
-            self.estimator.estimator, TractionForce
-        ):
+        scaled = self.estimator
+        if not isinstance(scaled, ScaledForceEstimator) or not isinstance(scaled.estimator, TractionForce):
             raise InputError(
                 expected="the estimator by physics of a calibrated sensor",
                 got=f"{self.estimator.name!r}",
@@ -154,7 +153,8 @@ class BatchedPhysics:
         self, six: Sixes, covariance: Float64[torch.Tensor, "batch 6 6"]
     ) -> tuple[Sixes, Float64[torch.Tensor, "batch 6 6"]]:
         """Return what the `ForceScale` of the sensor makes of them."""
-        scale, device = self._scaled_physics.adaptation, six.device
+        assert isinstance(self.estimator, ScaledForceEstimator)
+        scale, device = self.estimator.adaptation, six.device
         sheared = torch.as_tensor(SHEAR_COMPONENTS, device=device)
         factors = scale.factor * torch.where(sheared, scale.shear_factor, 1.0).double()
         six, shear = factors * six, factors * six * sheared
@@ -176,13 +176,8 @@ class BatchedPhysics:
 
     @property
     def _physics(self) -> TractionForce:
-        assert isinstance(self._scaled_physics.estimator, TractionForce)
-        return self._scaled_physics.estimator
-
-    @property
-    def _scaled_physics(self) -> ScaledForceEstimator:
-        assert isinstance(self.estimator, ScaledForceEstimator)
-        return self.estimator
+        assert isinstance(self.estimator, ScaledForceEstimator) and isinstance(self.estimator.estimator, TractionForce)
+        return self.estimator.estimator
 
     @property
     def _model(self) -> BrightnessObservationModel:
@@ -199,8 +194,8 @@ class BatchedPhysics:
         reference, physics = self.reader.reader.reference, self._physics
         cells = cell_grid_over_image(reference.grey.shape, reference.mm_per_px, physics.gel.thickness_mm)
         error, device = LOCAL_FRACTION * self._model.curve_error, self.reader.device
-        fixed = torch.device(device).type == "cuda" if self.fixed_schedule is None else self.fixed_schedule
-        return BatchedTractionInversion(physics.build_inversion(cells), error, device, not fixed)
+        on_gpu = torch.device(device).type == "cuda" if self.gpu_schedule is None else self.gpu_schedule
+        return BatchedTractionInversion(physics.build_inversion(cells), error, device, on_gpu)
 
     @cached_property
     def _places_mm(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -19,7 +19,7 @@ from numpy import ndarray as Array
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_loading import PHYSICS
 from ninedtact.interop.mujoco import TactileReading
-from ninedtact.mechanics.numpy_or_torch_arrays import to_numpy
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of, to_numpy
 from ninedtact.quantities import Frame
 from ninedtact.simulation.twin import Twin
 from ninedtact_train.environments.mujoco_batch import TactileSensorBatch
@@ -148,10 +148,9 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
         """Return what is estimated of the images of these readings together; nothing where each sensor estimates its own."""
         if self._physics is None or not readings:
             return {}
-        import torch
-
         grey = np.stack([cv2.cvtColor(one.frame.image, cv2.COLOR_BGR2GRAY) for one in readings.values()])
-        found = self._physics(torch.from_numpy(grey).to(self._physics.reader.device))
+        like = self.batch.like
+        found = self._physics(array_namespace_of(like).asarray(grey, device=like.device))
         both = zip(to_numpy(found.heights_mm).astype(np.float32), to_numpy(found.wrenches), strict=True)
         return dict(zip(readings, both, strict=True))
 

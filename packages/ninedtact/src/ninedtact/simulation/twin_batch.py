@@ -1,8 +1,8 @@
 """Many twins of one sensor at once: a step takes poses or loads of all of them and gives presses, wrenches and images as tensors.
 
-All fields stay on the device from step to step. The processor waits for it eight times a step: it sees the poses, where objects may
-touch, from the second round of the solver on which contacts have converged, and in the end which are refused. The contacts are
-those of `Twin.press`, to a tolerance that keeps wrenches within a hundredth of the load.
+All fields stay on the device from step to step. The processor waits for it some nine times a step: it sees the poses, where objects
+may touch, after each round of the solver which contacts have converged, and in the end which are refused. The contacts are those of
+`Twin.press`, to a tolerance that keeps wrenches within a hundredth of the load.
 """
 
 from collections.abc import Iterator, Sequence
