@@ -126,7 +126,7 @@ class BatchedObserver:
         darkest = darkening.amax((1, 2), keepdim=True)
         depth_mm = -z_mm[:, margin:-margin, margin:-margin].amin((1, 2), keepdim=True).clamp(max=0)
         deep = z_mm < -(settings.deep_fraction * depth_mm).clamp(min=settings.deep_mm)
-        deep = deep & (darkening > settings.deep_fraction * darkest)
+        deep = deep & (change < settings.thin_fraction * change.amin((1, 2), keepdim=True))
         level_mm = _median(z_mm, seen).maximum(-settings.level_fraction * depth_mm).clamp(max=0)
         pressed = z_mm < level_mm - (settings.shallow_fraction * depth_mm).clamp(min=settings.shallow_mm)
         dark = darkening > (settings.dark_fraction * darkest).maximum(limit)

@@ -69,7 +69,7 @@ class ContactRegionSettings:
     """Fraction of the maximum indentation. Every connected part of a contact reaches this fraction, and `deep_mm`, somewhere."""
     thin_fraction: float = 0.03
     """Fraction of the maximum darkening of a cell that it reaches there: on a base that yields, skin far from an object lies low,
-    but its gel is no thinner. Smoothed darkness would miss strokes and teeth, and darkness about the median wide objects."""
+    but its gel is no thinner. Smoothed, strokes and teeth are not dark, nor are wide objects beside the median of the view."""
     level_fraction: float = 0.2
     """Fraction of the maximum indentation down to which the median height of the view is the level from which skin counts as
     pressed in: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
