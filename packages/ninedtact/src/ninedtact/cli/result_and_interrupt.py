@@ -243,10 +243,12 @@ def format_calibration(sensor: "SensorFolder") -> Iterator[str]:
     else:
         yield f"  scale  {sensor.record.grid.mm_per_px:.5f} mm per pixel, with the imported rectification"
     if (ball := certificate.ball) is not None:
-        std = "" if sensor.record.twin is None else f" ± {sensor.record.twin.fit.parameters['depth_mm'].std:.2f}"
+        twin = sensor.record.twin
+        std = "" if twin is None else f" ± {twin.fit.parameters['depth_mm'].std:.2f}"
+        base = ", on a base that is rigid by design" if twin is not None and twin.gel.has_rigid_base else ""
         yield (
             f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f}{std} mm deep, reconstructed to "
-            f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
+            f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}{base}"
         )
     if (second := certificate.second_ball) is not None:
         yield (

@@ -66,8 +66,10 @@ class ContactRegionSettings:
     pressed in, because the contact beside it draws it down."""
     deep_mm: float = 0.05
     deep_fraction: float = 0.1
-    """Fraction of the maximum indentation, and of the maximum darkening. Every connected part of a contact reaches both, and
-    `deep_mm`, somewhere: on a base that yields, skin far from an object lies low without being touched."""
+    """Fraction of the maximum indentation. Every connected part of a contact reaches this fraction, and `deep_mm`, somewhere."""
+    thin_fraction: float = 0.03
+    """Fraction of the maximum darkening of a cell that it reaches there: on a base that yields, skin far from an object lies low,
+    but its gel is no thinner. Smoothed, strokes and teeth are not dark, nor are wide objects beside the median of the view."""
     level_fraction: float = 0.2
     """Fraction of the maximum indentation down to which the median height of the view is the level from which skin counts as
     pressed in: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
@@ -222,9 +224,8 @@ def find_contact_region(
             return None
         darkening, limit = darkening * _around(faint, darkening.shape, margin), 0.0
     max_depth_mm = max(-float(z_mm[margin:-margin, margin:-margin].min()), 0.0)
-    deep = (z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)) & (
-        darkening > settings.deep_fraction * float(darkening.max())
-    )
+    is_thinner = change < settings.thin_fraction * float(change.min())
+    deep = (z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)) & is_thinner
     level_mm = float(np.clip(np.median(z_mm[in_view > 0]), -settings.level_fraction * max_depth_mm, 0))
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
     pressed &= change <= settings.bright_fraction * max(float(change.max()), 0.0)

@@ -274,9 +274,10 @@ class BrightnessObservationModel(ObservationModel):
             reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
         )
         noise = min(max(estimate_cell_noise(change), MIN_BRIGHTNESS_NOISE), largest)
-        error, in_view = LOCAL_FRACTION * self.curve_error, below.in_view.astype(np.float32)
+        uneven = reading.light.gradient
+        error = float(np.hypot(LOCAL_FRACTION * self.curve_error, 0.0 if uneven is None else uneven.error))
         sight = LinesOfSight(1 / reading.height.camera_distance_mm, pixel)
-        return ObservationOnCells(change, noise, error, below.z_mm, in_view, sight)
+        return ObservationOnCells(change, noise, error, below.z_mm, below.in_view.astype(np.float32), sight)
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
         """Return the relative change of brightness of every cell, corrected for the global loss of light."""

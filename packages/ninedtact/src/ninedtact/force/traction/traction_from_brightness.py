@@ -133,8 +133,7 @@ class TractionInversion:
         iterations from it stay farther from convergence than it: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            whole = self._distance(last) <= 1  # a result that has converged needs no smaller step
-            guess = replace(self._guess_after(replace(last, step=1.0) if whole else last), iterations=0)
+            guess = replace(self._guess_after(last), iterations=0)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations, last.step)
             nearest = max(_WARM_SLACK * self._warm_distance(last), 1.0)
             if self._warm_distance(result) <= nearest and result.newton_decrement <= self.solver.max_trusted_decrement:
