@@ -232,6 +232,7 @@ class LinearisedBrightnessProblem:
     """Root mean square of the indentation over the gel's thickness, which scales the prior of pressure."""
     sticking_part: float = 1.0
     """Part of the shear that keeps the skin in place which friction bears; a contact that slides has none left."""
+    growth_steps: int = GROWTH_STEPS
 
     @cached_property
     def contact_cells(self) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
@@ -258,9 +259,9 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         carried, modes = self.carries[row, col], self.carried_shear
         between = self.kernels.tangential_between_cells(row, col)
-        step = max(float(carried.max()) / GROWTH_STEPS, 1e-9)
+        step = max(float(carried.max()) / self.growth_steps, 1e-9)
         weights = np.zeros((2, modes.shape[1], len(row)))
-        for level in range(GROWTH_STEPS):
+        for level in range(self.growth_steps):
             above = carried - level * step
             held = above > 0
             if held.any():
