@@ -1,11 +1,11 @@
 """Environments per second on a GPU: contacts with friction's memory and their wrenches, alone and with images, all on the device.
 
 A ball is pressed, dragged, twisted and tilted in every environment of a `TwinBatch`, each in its own way, on the gel of a simulated
-sensor at finite strain on a base that yields. Beside the rates: how far the batch is from the CPU's presses, and a coarser grid
-from the finest; and sessions of `ninedtact simulate dataset`, which are of many sensors and objects. Without a GPU, torch does the
-same on the CPU, whose rates say nothing of a GPU; what the step asks of one is counted on any device: kernels, times at which the
-processor waits for the device, and bytes that kernels read and write, with the rate that these bytes allow an H100. The whole fits
-into eight minutes; what does not is said not to be measured.
+sensor at finite strain on a base that yields. Beside the rates: how far the batch is from the CPU's presses, a coarser grid from
+the finest, and the force from itself a thousand steps before; and sessions of `ninedtact simulate dataset`, which are of many
+sensors and objects. Without a GPU, torch does the same on the CPU, whose rates say nothing of a GPU; what the step asks of one is
+counted on any device: kernels, times at which the processor waits for the device, and bytes that kernels read and write, with the
+rate that these bytes allow an H100. The whole fits into eight minutes; what does not is said not to be measured.
 """
 
 from collections import Counter
@@ -27,6 +27,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from ninedtact.calibration.nominal_shape import nominal_shape
+from ninedtact.errors import DeviceError
 from ninedtact.force.estimator_and_scale import MODULUS_KNOWN, ScaledForceEstimator
 from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.mechanics.base_deflection import BaseDeflection
@@ -53,7 +54,7 @@ from ninedtact_train.dataset.generation.press_session import SimulatedPressSessi
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 
 ENVIRONMENTS, PITCHES_MM = (64, 256, 1024, 4096, 16384), (0.2, 0.3, 0.4)
-SIZES = {"120x160": (160, 120), "172x230": (230, 172), "345x460": (460, 345)}
+SIZES = {"60x80": (80, 60), "120x160": (160, 120), "172x230": (230, 172), "345x460": (460, 345)}
 """Sizes of images as (cols, rows)."""
 REQUIRED_OF, ESTIMATES_REQUIRED = 4096, 2_000.0
 REQUIRED = {(REQUIRED_OF, 0.4, "120x160"): 10_000.0, (REQUIRED_OF, 0.2, "345x460"): 5_000.0}
@@ -92,6 +93,7 @@ def gpu_throughput(
     figures = [Figure("device", f"{name}; torch {torch.__version__}")]
     parts = {
         "accuracy": accuracy(chosen, pitches_mm, 2 if quick else 16, 4 if quick else ROUND),
+        "drift": drift(chosen, pitches_mm[-1], 2 if quick else COUNTED, 3 if quick else 18),
         **{f"counts, {pitch:g} mm": counts(chosen, pitch, sizes[-1]) for pitch in pitches_mm},
         "sessions of a data set": sessions_rate(chosen, sessions, quick),
         **{
@@ -198,8 +200,8 @@ def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seco
         if device.kind == "cuda":
             yield Figure(f"{name}: memory, GB", torch.cuda.max_memory_allocated() / 1e9)
             torch.cuda.reset_peak_memory_stats()
-    except RuntimeError as error:
-        if not is_out_of_memory(error):
+    except (RuntimeError, DeviceError) as error:
+        if isinstance(error, RuntimeError) and not is_out_of_memory(error):
             raise
         yield Figure(name, "out of memory")
 
@@ -251,7 +253,7 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
     motion, steps = Motion(device, COUNTED, pitch_mm, size), 4
     motion.batch.images(motion.next())
     press = motion.next()
-    images, physics = motion.batch.images(press), batched_physics(motion.batch, fixed_schedule=True)
+    images, physics = motion.batch.images(press), batched_physics(motion.batch, gpu_schedule=True)
     physics(images)
     calls = {
         "contact and wrench": motion.next,
@@ -272,13 +274,13 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
         )
 
 
-def batched_physics(batch: TwinBatch, fixed_schedule: bool | None = None) -> BatchedPhysics:
+def batched_physics(batch: TwinBatch, gpu_schedule: bool | None = None) -> BatchedPhysics:
     """Return the reader of the batch's images, with all that a calibrated one computes, and the estimator by physics."""
     grey, gel = batch._reference.cpu().numpy(), batch.twin.gel
     shape = replace(nominal_shape(grey), base_deflection=BaseDeflection(gel))
     reader = shape.depth_reader(Frame(cv2.cvtColor(np.uint8(grey), cv2.COLOR_GRAY2BGR)))
     physics = ScaledForceEstimator(build_traction_force(shape, gel), MODULUS_KNOWN)
-    return BatchedPhysics(BatchedDepthReader(shape.rectify, reader, batch.device), physics, fixed_schedule)
+    return BatchedPhysics(BatchedDepthReader(shape.rectify, reader, batch.device), physics, gpu_schedule)
 
 
 def timed(motion: Motion, call: Any, seconds: float) -> tuple[float, Any]:
@@ -337,6 +339,20 @@ def accuracy(device: Device, pitches_mm: Sequence[float], many: int, steps: int)
             yield at_most(f"{name}, largest", largest, WRENCH_SHARE if "force" in name else IMAGE_GREY, "")
         else:
             yield Figure(f"{name}, largest", largest, peer=said)
+
+
+def drift(device: Device, pitch_mm: float, many: int, rounds: int) -> Iterator[Figure]:
+    """Yield by how much the last round of the motion, which begins and ends without contact, differs from the second."""
+    motion, second, drifted = Motion(device, many, pitch_mm), [], [0.0]
+    for step in range(rounds * ROUND):
+        six = motion.next().corrected.wrenches().cpu().numpy()
+        if ROUND <= step < 2 * ROUND:
+            second.append(six)
+        elif step >= (rounds - 1) * ROUND:
+            before = second[step % ROUND]
+            drifted.append((np.abs(six - before)[:, :3] / np.maximum(-before[:, 2:3], 0.5)).max())
+    name, steps = f"{pitch_mm:g} mm: drift of the force, share of the load", (rounds - 2) * ROUND
+    yield replace(at_most(name, max(drifted), WRENCH_SHARE, ""), peer=f"over {steps} steps")
 
 
 def sessions_rate(device: Device, many: int, quick: bool) -> Iterator[Figure]:

@@ -7,7 +7,6 @@ remembered of a stream.
 from dataclasses import dataclass
 from functools import cached_property
 
-import cv2
 import numpy as np
 import torch
 from jaxtyping import Bool, Float32
@@ -19,7 +18,7 @@ from ninedtact.quantities import HeightSource
 from ninedtact.reading import CELL_MM
 from ninedtact.robust_noise import STD_PER_MEDIAN
 from ninedtact.shape.depth import SAMPLING_SIDE_PX
-from ninedtact_train.batched.depth_reading import BatchedDepthReader, Fields, block_means
+from ninedtact_train.batched.depth_reading import BatchedDepthReader, Fields, block_means, blurred
 
 Views = Float32[torch.Tensor, "batch cell_rows cell_cols"]
 Masks = Bool[torch.Tensor, "batch cell_rows cell_cols"]
@@ -120,7 +119,7 @@ class BatchedObserver:
         settings, margin = self.settings, on_cells.MARGIN_CELLS
         threshold = settings.threshold
         seen = in_view > 0
-        darkening = blurred((_median(change, seen) - change) * in_view, settings.smoothing_cells)
+        darkening = smoothed((_median(change, seen) - change) * in_view, settings.smoothing_cells)
         limit = self._noise_limit(noise, threshold.min_darkening, settings.smoothing_cells).maximum(least)
         limit = limit[:, None, None]
         darkening = _without_light_at_border(darkening, seen, limit, threshold.border_darkening)
@@ -172,13 +171,9 @@ class BatchedObserver:
         return torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=self.reader.device)
 
 
-def blurred(fields: Views, sigma_cells: float, reach: int | None = None) -> Views:
+def smoothed(fields: Views, sigma_cells: float, reach: int | None = None) -> Views:
     """Return `cv2.GaussianBlur` of each field, with its own reach where none is given."""
-    reach = round(8 * sigma_cells + 1) // 2 if reach is None else reach
-    weights = cv2.getGaussianKernel(2 * reach + 1, sigma_cells, cv2.CV_32F)
-    kernel = torch.as_tensor(weights, device=fields.device)[None, None]
-    padded = functional.pad(fields[:, None], (reach, reach, reach, reach), "reflect")
-    return functional.conv2d(functional.conv2d(padded, kernel), kernel.mT)[:, 0]
+    return blurred(fields, sigma_cells, round(8 * sigma_cells + 1) // 2 if reach is None else reach, "reflect")
 
 
 def widened(fields: Views) -> Views:
@@ -211,7 +206,7 @@ def robust_std(deviations: Float32[torch.Tensor, "batch a b"]) -> Numbers:
 
 def cell_noise(fields: Views) -> Numbers:
     """Return `estimate_cell_noise` of each field."""
-    return robust_std(fields - blurred(fields, 0.85, 1)) / detection.SMOOTHING_RESIDUE
+    return robust_std(fields - smoothed(fields, 0.85, 1)) / detection.SMOOTHING_RESIDUE
 
 
 def area_weights(many: int, few: int) -> np.ndarray:

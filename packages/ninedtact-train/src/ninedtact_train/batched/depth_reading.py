@@ -77,7 +77,8 @@ class BatchedDepthReader:
     def heights_mm(self, grey: Fields) -> Fields:
         """Return the signed heights in mm of rectified images."""
         few_mm = self._look_up_mm(self._restored_brightness(grey))
-        few_mm = _blurred(few_mm, self.reader.smoothing.on_grid(1 / self._coarseness).combined_px)
+        if sigma_px := self.reader.smoothing.on_grid(1 / self._coarseness).combined_px:
+            few_mm = blurred(few_mm, sigma_px, round(3 * sigma_px), "replicate")
         if self.reader.base_deflection is not None:
             few_mm = few_mm + self._base_deflection_mm(few_mm)
         heights = _upsampled(few_mm, self._coarseness, self.reader.lens_source.shape)
@@ -263,15 +264,18 @@ def _upsampled(fields: Few, fineness: int, shape: tuple[int, ...]) -> Fields:
     return fine[:, 0, : shape[0], : shape[1]]
 
 
-def _blurred(fields: Fields, sigma_px: float) -> Fields:
-    """Return `depth.Smoothing` of each field."""
-    if sigma_px == 0:
-        return fields
-    reach = round(3 * sigma_px)
-    weights = cv2.getGaussianKernel(2 * reach + 1, sigma_px, cv2.CV_32F)
-    kernel = torch.as_tensor(weights, device=fields.device)[None, None]
-    padded = functional.pad(fields[:, None], (reach, reach, reach, reach), "replicate")
+def blurred(fields: Fields, sigma_px: float, reach: int, border: str) -> Fields:
+    """Return the Gaussian blur of each field; border: how it goes on beyond its border, as `torch.nn.functional.pad` names it."""
+    kernel = _gaussian_column(sigma_px, reach, str(fields.device))
+    padded = functional.pad(fields[:, None], (reach, reach, reach, reach), border)
     return functional.conv2d(functional.conv2d(padded, kernel), kernel.mT)[:, 0]
+
+
+@lru_cache(maxsize=16)
+def _gaussian_column(sigma_px: float, reach: int, device: str) -> Float32[torch.Tensor, "1 1 n 1"]:
+    """Return the weights of a Gaussian mean on a device."""
+    weights = cv2.getGaussianKernel(2 * reach + 1, sigma_px, cv2.CV_32F)
+    return torch.as_tensor(weights, device=device)[None, None]
 
 
 def _mirrored(fields: Fields, above: int, below: int, left: int, right: int) -> Padded:

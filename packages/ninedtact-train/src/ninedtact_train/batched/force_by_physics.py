@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float64, UInt8
 from ninedtact.errors import InputError
 from ninedtact.force import hidden_twist
 from ninedtact.force.contact_detection import FAINT_PRESSURE
-from ninedtact.force.estimator_and_scale import SHEAR_COMPONENTS, ScaledForceEstimator
+from ninedtact.force.estimator_and_scale import SHEAR_COMPONENTS, ForceEstimator, ScaledForceEstimator
 from ninedtact.force.traction.estimator import (
     LARGEST_PRESSURE,
     MODELLED_THINNING,
@@ -63,13 +63,14 @@ class BatchedPhysics:
     """
 
     reader: BatchedDepthReader
-    estimator: ScaledForceEstimator
+    estimator: ForceEstimator
     """The sensor's own; raises `InputError` for any but that by physics."""
-    fixed_schedule: bool | None = None
-    """Whether the processor looks at results on the device only once an iteration. None: where the device is a GPU."""
+    gpu_schedule: bool | None = None
+    """Whether batches are large, and the processor looks at results only once an iteration. None: where the device is a GPU."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.estimator.estimator, TractionForce):
+        scaled = self.estimator
+        if not isinstance(scaled, ScaledForceEstimator) or not isinstance(scaled.estimator, TractionForce):
             raise InputError(
                 expected="the estimator by physics of a calibrated sensor",
                 got=f"{self.estimator.name!r}",
@@ -152,6 +153,7 @@ class BatchedPhysics:
         self, six: Sixes, covariance: Float64[torch.Tensor, "batch 6 6"]
     ) -> tuple[Sixes, Float64[torch.Tensor, "batch 6 6"]]:
         """Return what the `ForceScale` of the sensor makes of them."""
+        assert isinstance(self.estimator, ScaledForceEstimator)
         scale, device = self.estimator.adaptation, six.device
         sheared = torch.as_tensor(SHEAR_COMPONENTS, device=device)
         factors = scale.factor * torch.where(sheared, scale.shear_factor, 1.0).double()
@@ -174,7 +176,7 @@ class BatchedPhysics:
 
     @property
     def _physics(self) -> TractionForce:
-        assert isinstance(self.estimator.estimator, TractionForce)
+        assert isinstance(self.estimator, ScaledForceEstimator) and isinstance(self.estimator.estimator, TractionForce)
         return self.estimator.estimator
 
     @property
@@ -192,8 +194,8 @@ class BatchedPhysics:
         reference, physics = self.reader.reader.reference, self._physics
         cells = cell_grid_over_image(reference.grey.shape, reference.mm_per_px, physics.gel.thickness_mm)
         error, device = LOCAL_FRACTION * self._model.curve_error, self.reader.device
-        fixed = torch.device(device).type == "cuda" if self.fixed_schedule is None else self.fixed_schedule
-        return BatchedTractionInversion(physics.build_inversion(cells), error, device, not fixed)
+        on_gpu = torch.device(device).type == "cuda" if self.gpu_schedule is None else self.gpu_schedule
+        return BatchedTractionInversion(physics.build_inversion(cells), error, device, on_gpu)
 
     @cached_property
     def _places_mm(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -18,14 +18,14 @@ from ninedtact.force.traction import linearisation_and_qp as qp
 from ninedtact.force.traction import traction_from_brightness as single
 from ninedtact.force.traction.brightness_from_traction import DeformedSkin, ForwardModel, influence_kernel
 from ninedtact.force.traction.observation import BrightnessLaw
-from ninedtact_train.batched.contact_cells import BatchedObservation, Numbers, Views, blurred
+from ninedtact_train.batched.contact_cells import BatchedObservation, Numbers, Views, smoothed
 
 _EXCHANGES = 6
 """Exchanges of bounded unknowns in each iteration, where the inversion of one image takes one to five. What is then still on the
 wrong side is exchanged in the next iteration."""
 _MODES_STEP, _CELLS_STEP = 8, 32
 """Steps of the numbers of modes and cells, so that few sizes occur."""
-_LARGEST_BATCH = {"cpu": 1 << 20, "cuda": 1 << 26}
+_LARGEST_BATCH, _LARGEST_GPU_BATCH = 1 << 20, 1 << 26
 """Numbers that the influences of the cells of a batch may have: what fits into the processor's cache, and what fills a GPU."""
 
 SkinFields = Float32[torch.Tensor, "batch skin_rows skin_cols"]
@@ -126,8 +126,8 @@ class BatchedTractionInversion:
     calibration_error: float
     """Standard deviation of the change due to the calibration (`ObservationOnCells.error`)."""
     device: str
-    looks: bool
-    """Whether the processor looks after every exchange of bounded unknowns if another one is needed, which makes a GPU wait."""
+    gpu_schedule: bool
+    """Whether batches are large, and the processor looks only once an iteration what is needed; else after every exchange too."""
 
     def invert(self, observation: BatchedObservation) -> BatchedInversionResult:
         """Return the tractions that explain each observation, from itself alone; zero where nothing touches."""
@@ -156,7 +156,8 @@ class BatchedTractionInversion:
         numbers = self._height_windows[0].shape[2:].numel()
         while len(order):
             cells = _up_to(int(sizes[0, order[0]]), _CELLS_STEP, region.shape[1])
-            many = max(_LARGEST_BATCH["cuda" if region.is_cuda else "cpu"] // (cells * numbers), 1)
+            largest = _LARGEST_GPU_BATCH if self.gpu_schedule else _LARGEST_BATCH
+            many = max(largest // (cells * numbers), 1)
             # No more than half of the unknowns of a contact are without effect.
             part = order[:many]
             part = part[sizes[0, part] * 2 + _CELLS_STEP >= cells]
@@ -205,7 +206,7 @@ class BatchedTractionInversion:
         target = problem.negative_gradient(observation.change - forward.scatter(offset))
         free = guess.tractions[:, 0].flatten(1).gather(1, problem.index) > 0
         weights = free.new_ones(len(free), problem.curvature.shape[1] - cells)
-        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, self.looks)
+        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, not self.gpu_schedule)
         tractions = problem.tractions(solution.x, (rows, cols))
         skin = forward.deform(tractions)
         law, _ = self._law(skin.thickness_change_mm)
@@ -235,7 +236,7 @@ class BatchedTractionInversion:
         used = region.flatten(1).gather(1, index)
         square = (observation.z_mm.square() * region).sum((1, 2)) / region.sum((1, 2))
         strain = square.sqrt().clamp(min=single.MIN_PRIOR_DEPTH_MM) / forward.gel.thickness_mm
-        carries = blurred(guess.tractions[:, 0] * region, self.inversion.prior.smooth_mm / forward.cells.pitch_mm)
+        carries = smoothed(guess.tractions[:, 0] * region, self.inversion.prior.smooth_mm / forward.cells.pitch_mm)
         carried = self._carried_shear(index, used * carries.flatten(1).gather(1, index), modes)
         sticking_part = _sticking_part(guess.tractions)
         sticking = self._sticking_weights(index, used, carried, sticking_part)

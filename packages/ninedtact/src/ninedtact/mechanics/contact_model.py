@@ -47,7 +47,6 @@ from ninedtact.mechanics.numpy_or_torch_arrays import (
     inverse_transform,
     map_arrays,
     max_over_grid,
-    may_look_after_round,
     put_contacts,
     take_contacts,
     to_numpy,
@@ -140,8 +139,6 @@ class AlternatingSolver:
         for count in range(left):
             state = rounds.next(state)
             iterations = iterations + state.iterations
-            if not may_look_after_round(count + 1, iterations) and count + 1 < left:
-                continue
             unconverged = np.atleast_1d(to_numpy(state.iterations)[..., 0, 0]) > 0
             if not unconverged.any():
                 break

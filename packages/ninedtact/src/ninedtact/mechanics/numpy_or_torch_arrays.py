@@ -47,7 +47,7 @@ def to_numpy_together(*values: Any) -> tuple[Float[Array, "..."], ...]:
         return tuple(map(to_numpy, values))
     xp = array_namespace_of(values[0])
     together = to_numpy(xp.concat([xp.astype(xp.reshape(one, (-1,)), xp.float64) for one in values]))
-    ends = np.cumsum([one.size if isinstance(one.size, int) else np.prod(one.shape, dtype=int) for one in values])
+    ends = np.cumsum([np.prod(one.shape, dtype=int) for one in values])
     parts = np.split(together, ends[:-1])
     return tuple(part.reshape(one.shape) for part, one in zip(parts, values, strict=True))
 
@@ -128,14 +128,6 @@ def drop_grid_axes_of_counts(numbers: PerContact) -> CountPerContact:
     """Return whole numbers without the grid's axes: an int, or a NumPy array (batch,)."""
     values = drop_grid_axes(numbers)
     return int(values) if isinstance(values, float) else np.asarray(values).astype(int)
-
-
-def may_look_after_round(rounds: int, unconverged: Any) -> bool:
-    """Return whether it is time to see which contacts have converged after so many rounds: always for a single contact.
-
-    The first round of a batch only ever confirms contacts that did not move.
-    """
-    return unconverged.ndim == 2 or rounds > 1
 
 
 def may_stop_after(iterations: int, unconverged: ContactFlags) -> bool:

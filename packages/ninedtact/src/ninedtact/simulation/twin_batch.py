@@ -1,11 +1,12 @@
 """Many twins of one sensor at once: a step takes poses or loads of all of them and gives presses, wrenches and images as tensors.
 
-All fields stay on the device from step to step. The processor waits for it eight times a step: it sees the poses, where objects may
-touch, from the second round of the solver on which contacts have converged, and in the end which are refused. The contacts are
-those of `Twin.press`, to a tolerance that keeps wrenches within a hundredth of the load.
+All fields stay on the device from step to step. The processor waits for it some nine times a step: it sees the poses, where objects
+may touch, after each round of the solver which contacts have converged, and in the end which are refused. The contacts are those of
+`Twin.press`, to a tolerance that keeps wrenches within a hundredth of the load.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.errors import InputError
+from ninedtact.errors import DeviceError, InputError
 from ninedtact.mechanics.active_region import (
     GridRectangle,
     SharedActiveRectangle,
@@ -118,9 +119,13 @@ class TwinBatch:
 
         poses: x, y, depth in mm, twist, tilt about x and about y in rad, as `Pose`; of any library with DLPack, on any device.
         loads_n: of the linear layer; the depths are first guesses then. Refused environments are undeformed skin in the result, see
-        `refused`. Raises `InputError` for poses of another shape, not finite, or loads that do not press.
+        `refused`. Raises `InputError` for poses of another shape, not finite, or loads that do not press, and `DeviceError` without
+        room for all environments; nothing was stepped then.
         """
+        with self._named_if_memory_is_full():
+            return self._step(poses, loads_n)
 
+    def _step(self, poses: Any, loads_n: Any) -> Press:
         each = self._checked(poses, (self.count, 6), "poses (x, y, depth, twist and two tilts of each)")
         pose, constraint = Pose(*np.ascontiguousarray(each.T)), ContactConstraint()
         if loads_n is not None:
@@ -144,7 +149,20 @@ class TwinBatch:
         return press
 
     def images(self, press: Press, noise: bool = True) -> 'UInt8[Tensor, "batch rows cols"]':
-        """Return grey images of all environments on the device, with noise that the twin's seed and the number of the call fix."""
+        """Return grey images of all environments on the device, with noise that the twin's seed and the number of the call fix.
+
+        Raises `InputError` for presses of another batch, and `DeviceError` without room for all images.
+        """
+        if press.corrected.height_mm.shape[0] != self.count:
+            raise InputError(
+                expected=f"the presses of {self.count} environments",
+                got=f"those of {press.corrected.height_mm.shape[0]}",
+                remedy="give what `step` of this batch returned",
+            )
+        with self._named_if_memory_is_full():
+            return self._images(press, noise)
+
+    def _images(self, press: Press, noise: bool) -> 'UInt8[Tensor, "batch rows cols"]':
         import torch
 
         renderer, contacts = self._renderer, press.corrected
@@ -161,6 +179,19 @@ class TwinBatch:
                 )
             found[first : part.stop] = grey.round_().clamp_(0, 255)
         return found
+
+    @contextmanager
+    def _named_if_memory_is_full(self) -> Iterator[None]:
+        import torch
+
+        try:
+            yield
+        except torch.OutOfMemoryError as error:
+            raise DeviceError(
+                expected=f"room for {self.count} environments in the memory of {self.device}",
+                got=str(error).split(". ")[0],
+                remedy="take fewer, a coarser pitch, or end other programs that use it",
+            ) from error
 
     @cached_property
     def _renderer(self) -> BatchRenderer:
