@@ -138,7 +138,7 @@ def object_figures(presses: list[ObjectPress]) -> Iterator[Figure]:
         spread = f"bias {off.mean():+.0f}, RMS {np.sqrt((off**2).mean()):.0f} µm"
         yield Figure(
             f"{name}: maximum indentation",
-            f"{near}, {np.mean(abs(off) <= 2 * stated):.0%} within 2 σ, {spread}",
+            f"{near}, {np.mean(abs(off) <= stated):.0%} within 1 σ, {np.mean(abs(off) <= 2 * stated):.0%} within 2 σ, {spread}",
         )
 
 
@@ -213,7 +213,7 @@ class StudiedSensor:
                 1e3 * float(np.abs(read.z_mm - true.z_mm)[pressed].mean()),
                 1e3 * deepest,
                 1e3 * (found - deepest),
-                1e3 * reader.max_indentation_error_mm(found),
+                1e3 * reader.max_indentation_error_mm(read),
             )
 
 

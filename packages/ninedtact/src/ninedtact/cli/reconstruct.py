@@ -82,7 +82,7 @@ class ReconstructCommand:
             **asdict(measured),
             "max_indentation_error_mm": inf
             if measured.is_deepest_clipped
-            else depth.max_indentation_error_mm(measured.max_indentation_mm),
+            else depth.max_indentation_error_mm(reading.height),
             "warnings": (*measured.warnings, *reading.light_sentences),
             "files": {kind: str(file) for kind, file in self._write_files(name, reading.height)},
         }

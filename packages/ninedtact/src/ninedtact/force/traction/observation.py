@@ -246,9 +246,9 @@ class BrightnessObservationModel(ObservationModel):
             reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
         )
         noise = min(max(estimate_cell_noise(change), MIN_BRIGHTNESS_NOISE), largest)
-        return ObservationOnCells(
-            change, noise, LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32)
-        )
+        uneven = reading.light.gradient
+        error = float(np.hypot(LOCAL_FRACTION * self.curve_error, 0.0 if uneven is None else uneven.error))
+        return ObservationOnCells(change, noise, error, below.z_mm, below.in_view.astype(np.float32))
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
         """Return the relative change of brightness of every cell, corrected for the global loss of light."""
