@@ -24,6 +24,8 @@ _POINT_PITCH_MM = 0.25
 _MIN_POINTS, _MAX_POINTS = 60, 3000
 _SHORTEST_WAVE_MM = 6.0
 """Wavelength from which a change of heights is smooth: more than twice the thickness of the gel."""
+_FREE = 8.0
+"""How many times more the skin may change beside the object than where it is held."""
 _MARGIN_MM = 1.0
 """Distance beyond the points at which the waves have their crests."""
 
@@ -43,6 +45,8 @@ class TouchedSurface:
     """Points of the surface in the sensor's frame."""
     point_area_mm2: float
     """Area for which one point stands."""
+    is_beside: Bool[Array, " n"]
+    """Whether a point lies beside the object, where the skin hangs free."""
 
     @property
     def centre_mm(self) -> Float[Array, "3"]:
@@ -51,8 +55,8 @@ class TouchedSurface:
 
     @cached_property
     def smooth_fields(self) -> Float[Array, "n fields"]:
-        """Heights at the points by which skin may change smoothly: cosines, whose sum has a standard deviation of one where each
-        has an independent coefficient of this deviation."""
+        """Heights at the points by which skin may change smoothly: cosines, whose sum has a standard deviation of one under the
+        object where each has an independent coefficient of this deviation."""
         places = self.points_mm[:, :2]
         corner_mm, sides_mm = places.min(axis=0) - _MARGIN_MM, np.ptp(places, axis=0) + 2 * _MARGIN_MM
         along = [np.arange(int(2 * side / _SHORTEST_WAVE_MM) + 1) for side in sides_mm]
@@ -61,7 +65,8 @@ class TouchedSurface:
         )
         per_mm = np.hypot(along[0][:, None] / sides_mm[0], along[1] / sides_mm[1]) / 2
         fields = (x[:, :, None] * y[:, None, :])[:, per_mm <= 1 / _SHORTEST_WAVE_MM]
-        return np.asarray(fields / np.sqrt((fields**2).mean(axis=0).sum()))
+        size = np.where(self.is_beside, _FREE, 1.0) / np.sqrt((fields**2).mean(axis=0).sum())
+        return np.asarray(fields * size[:, None])
 
     def sample(self, points_mm: Float[Array, "n 3"]) -> Float[Array, "4 n"]:
         """Return height, slopes along x and y, and whether the skin is shaped, at the lines of sight to these points."""
@@ -104,4 +109,4 @@ def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]
     points_mm = replace(height, z_mm=z_mm).points_at(rows, cols)
     area_mm2 = (every * px) ** 2 * every_point
     slope_x, slope_y = (np.asarray(along / spread, np.float32) for along in (along_u, along_v))
-    return TouchedSurface(z_mm, slope_x, slope_y, shaped.astype(np.float32), px, distance_mm, points_mm, area_mm2)
+    return TouchedSurface(z_mm, slope_x, slope_y, shaped.astype(np.float32), px, distance_mm, points_mm, area_mm2, ~contact[rows, cols])
