@@ -130,7 +130,9 @@ class ObjectTracker:
         self._relative = [*before, found.motion]
         return self._accept(self._current, found, surface)
 
-    def _with_doubt_of_turn(self, key: _KeyFrame, found: RegistrationResult, surface: TouchedSurface) -> RegistrationResult:
+    def _with_doubt_of_turn(
+        self, key: _KeyFrame, found: RegistrationResult, surface: TouchedSurface
+    ) -> RegistrationResult:
         """Return the result, with an unknown turn where it is seen again but may be another one."""
         if found.std[5] > _SEEN_TURN_RAD:
             self._turn_was_lost = True
@@ -170,7 +172,10 @@ class ObjectTracker:
 
     def _use(self, key: _KeyFrame) -> None:
         # The last two motions are counted from this key frame: the object goes on as it did.
-        self._current, self._relative = key, [one.after(last.inverse) for one in self._relative for last in self._relative[-1:]]
+        self._current, self._relative = (
+            key,
+            [one.after(last.inverse) for one in self._relative for last in self._relative[-1:]],
+        )
         self._turn_was_lost = False
         # The first key frame is kept, because errors are smallest against it.
         self._key_frames = [*self._key_frames[:1], *self._key_frames[1:][-(_MAX_KEY_FRAMES - 2) :], key]

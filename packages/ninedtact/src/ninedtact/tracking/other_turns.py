@@ -6,7 +6,7 @@ known only if no other one fits.
 
 import numpy as np
 
-from ninedtact.tracking.registration import Registration, RegistrationResult
+from ninedtact.tracking.registration import LEAST_DISTANCE_MM, Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import RigidMotion
 from ninedtact.tracking.touched_surface import TouchedSurface
 
@@ -44,6 +44,7 @@ def _misfit(register: Registration, earlier: TouchedSurface, later: TouchedSurfa
 
 
 def _is_another(other: RegistrationResult | None, found: RegistrationResult) -> bool:
-    if other is None or other.rms_mm > _WORSE * found.rms_mm or other.overlap < _LESS * found.overlap:
+    limit_mm = _WORSE * max(found.rms_mm, LEAST_DISTANCE_MM)
+    if other is None or other.rms_mm > limit_mm or other.overlap < _LESS * found.overlap:
         return False
     return abs(other.motion.after(found.motion.inverse).yaw_rad) > _OTHER_RAD

@@ -38,7 +38,7 @@ Termination = Callable[[int, Float[Array, "6"]], bool]
 _MAX_ITERATIONS = 50
 _MIN_AREA_MM2 = 0.7
 """Area of the points, each by its weight, below which two surfaces do not overlap."""
-_LEAST_DISTANCE_MM = 0.004
+LEAST_DISTANCE_MM = 0.004
 """Standard deviation of heights that is assumed at least."""
 _MOST_NOISE_MM = 0.008
 """Error of heights beyond which distances are taken for those of a poor guess."""
@@ -93,7 +93,7 @@ class RejectOutliers:
 class EndAtSmallStep:
     """The search ends where a step moves no point by more than this, or after so many."""
 
-    step_mm: float = 5e-4
+    step_mm: float = 2e-3
     iterations: int = 12
 
     def __call__(self, iteration: int, step: Float[Array, "6"]) -> bool:
@@ -146,7 +146,7 @@ class Registration:
                 return None
             rms_mm = float(np.sqrt(weight @ (distance - dragged_mm) ** 2 / weight.sum()))
             # A poor guess makes distances large, which is not noise.
-            error_mm = float(np.clip(rms_mm, _LEAST_DISTANCE_MM, _MOST_NOISE_MM))
+            error_mm = float(np.clip(rms_mm, LEAST_DISTANCE_MM, _MOST_NOISE_MM))
             stiffness = _variance_of_point(error_mm, earlier) / _DRAGGED_MM**2
             fit = _fit_motion_and_fields(distance, derivative * free / scale, earlier.smooth_fields, weight, stiffness)
             noise = _information_of_noise(weight, lever, error_mm) * np.outer(free / scale, free / scale)
@@ -159,7 +159,7 @@ class Registration:
             if self.ends(iteration, step):
                 break
         prior = free * ([_PRIOR_MM] * 3 + [PRIOR_RAD * radius_mm] * 3) + (1 - free) * _UPRIGHT_RAD * radius_mm
-        signal = np.where(is_seen, signal / _variance_of_point(max(rms_mm, _LEAST_DISTANCE_MM), earlier), 0)
+        signal = np.where(is_seen, signal / _variance_of_point(max(rms_mm, LEAST_DISTANCE_MM), earlier), 0)
         known = directions * signal @ directions.T
         covariance = np.linalg.inv(known + np.diag(prior**-2)) / np.outer(scale, scale)
         centre_mm, overlap = motion(earlier.centre_mm), float((both > 0.5).mean())

@@ -24,7 +24,7 @@ _POINT_PITCH_MM = 0.25
 _MIN_POINTS, _MAX_POINTS = 60, 3000
 _SHORTEST_WAVE_MM = 6.0
 """Wavelength from which a change of heights is smooth: more than twice the thickness of the gel."""
-_FREE = 8.0
+_FREE = 4.0
 """How many times more the skin may change beside the object than where it is held."""
 _MARGIN_MM = 1.0
 """Distance beyond the points at which the waves have their crests."""
@@ -61,7 +61,8 @@ class TouchedSurface:
         corner_mm, sides_mm = places.min(axis=0) - _MARGIN_MM, np.ptp(places, axis=0) + 2 * _MARGIN_MM
         along = [np.arange(int(2 * side / _SHORTEST_WAVE_MM) + 1) for side in sides_mm]
         x, y = (
-            np.cos(np.pi * np.outer(place, number)) for place, number in zip(((places - corner_mm) / sides_mm).T, along, strict=True)
+            np.cos(np.pi * np.outer(place, number))
+            for place, number in zip(((places - corner_mm) / sides_mm).T, along, strict=True)
         )
         per_mm = np.hypot(along[0][:, None] / sides_mm[0], along[1] / sides_mm[1]) / 2
         fields = (x[:, :, None] * y[:, None, :])[:, per_mm <= 1 / _SHORTEST_WAVE_MM]
@@ -93,7 +94,9 @@ def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]
     px = height.mm_per_px
     beside = 2 * max(round(BESIDE_MM / px), 1) + 1
     measured = cv2.erode((height.source == HeightSource.MEASURED.value).astype(np.uint8), np.ones((3, 3), np.uint8))
-    shaped = measured & cv2.dilate(contact.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (beside, beside)))
+    shaped = measured & cv2.dilate(
+        contact.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (beside, beside))
+    )
     every = max(round(_POINT_PITCH_MM / px), 1)
     rows, cols = (number * every for number in np.nonzero(shaped[::every, ::every]))
     if len(rows) < _MIN_POINTS:
@@ -109,4 +112,6 @@ def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]
     points_mm = replace(height, z_mm=z_mm).points_at(rows, cols)
     area_mm2 = (every * px) ** 2 * every_point
     slope_x, slope_y = (np.asarray(along / spread, np.float32) for along in (along_u, along_v))
-    return TouchedSurface(z_mm, slope_x, slope_y, shaped.astype(np.float32), px, distance_mm, points_mm, area_mm2, ~contact[rows, cols])
+    return TouchedSurface(
+        z_mm, slope_x, slope_y, shaped.astype(np.float32), px, distance_mm, points_mm, area_mm2, ~contact[rows, cols]
+    )
