@@ -3,8 +3,8 @@ and whether what cannot be seen is claimed.
 
 Each object is pressed 0.5 mm deep and moved in steps of (0.1, 0.05) mm, turned by 2° and tilted by 0.1° a step. Errors are those of
 the point in the middle of the first contact. The turn of balls and flat round faces cannot be seen. Heads of screws are also turned
-once around in steps of 10°. The sensors are twins of six real fits: A and I as calibrated from their real images, the others calibrated
-from images of their own twins.
+once around in steps of 10°. The sensors are twins of six real fits: A and I as calibrated from their real images, the others
+calibrated from images of their own twins.
 """
 
 from collections.abc import Iterable

@@ -3,8 +3,8 @@
 Every reading is registered with the last key frame, so that errors do not add up from frame to frame. A new key frame is taken
 where the object has turned or moved so far that the surfaces hardly overlap. Where nothing touches, or the surfaces do not fit, the
 object is lost, and the state says why. When something touches again it is compared with the key frames: if one fits, the path goes
-on, unless it fits after another turn as well; otherwise another path begins. In the same way a turn that the object did not show for a
-while is not known again before no other one fits.
+on, unless it fits after another turn as well; otherwise another path begins. In the same way a turn that the object did not show
+for a while is not known again before no other one fits.
 """
 
 from dataclasses import dataclass, field, replace

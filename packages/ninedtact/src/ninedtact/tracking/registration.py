@@ -50,9 +50,9 @@ _SLOPE_ERROR_MM = 0.35
 """Distance over which errors of heights change: their slopes are wrong by the error of the heights over this."""
 _SYSTEMATIC_STD = np.array([0.006, 0.006, 0.006, 0.002, 0.002, 0.001])
 _LAG, _LAG_OF_TURN = np.array([0.03, 0.03, 0.02, 0.003, 0.003, 0]), 0.02
-"""Errors, mm and rad, that light and gel leave: at rest, per mm of displacement, and of the turn per turn, because scattered light of
-the skin that is dragged along lets an object appear to lag behind. Found on five simulated sensors and ten objects, none of them
-in the benchmark; the sharper sensors err less."""
+"""Errors, mm and rad, that light and gel leave: at rest, per mm of displacement, and of the turn per turn, because scattered light
+of the skin that is dragged along lets an object appear to lag behind. Found on five simulated sensors and ten objects, none of
+them in the benchmark; sharp sensors err less."""
 _LEAST_SIGNAL = 0.5
 """Share of the information about a direction that must not be noise for it to be searched."""
 _PRIOR_MM, PRIOR_RAD = 5.0, 2.0

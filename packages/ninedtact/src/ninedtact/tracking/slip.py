@@ -90,8 +90,8 @@ class SlipEstimator:
     """
 
     least_friction: float = 0.0
-    """Ratio of tangential and normal load below which nothing slides: what moves then, as the contact of an object that rolls, is not the
-    object on the skin. Zero where the ratio is not known."""
+    """Ratio of tangential and normal load below which nothing slides: what moves then, as the contact of an object that rolls, is
+    not the object on the skin. Zero where the ratio is not known."""
     _last: SlipEstimate = field(default_factory=SlipEstimate, init=False, repr=False)
     _history: deque[SlipSample] = field(default_factory=deque, init=False, repr=False)
     """Samples of the last moments."""

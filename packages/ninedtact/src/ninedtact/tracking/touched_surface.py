@@ -94,9 +94,8 @@ def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]
     px = height.mm_per_px
     beside = 2 * max(round(BESIDE_MM / px), 1) + 1
     measured = cv2.erode((height.source == HeightSource.MEASURED.value).astype(np.uint8), np.ones((3, 3), np.uint8))
-    shaped = measured & cv2.dilate(
-        contact.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (beside, beside))
-    )
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (beside, beside))
+    shaped = cv2.bitwise_and(measured, cv2.dilate(contact.astype(np.uint8), disc))
     every = max(round(_POINT_PITCH_MM / px), 1)
     rows, cols = (number * every for number in np.nonzero(shaped[::every, ::every]))
     if len(rows) < _MIN_POINTS:
