@@ -4,7 +4,7 @@ The steps are those of `force.traction.observation` and `force.contact_detection
 remembered of a stream.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -36,11 +36,39 @@ class BatchedObservation:
     region: Views
     """One where pressure may act, zero elsewhere."""
     touching: Bool[torch.Tensor, " batch"]
+    sight: "BatchedLinesOfSight"
 
     def select(self, indices: torch.Tensor) -> "BatchedObservation":
         """Return the observations of some images."""
-        parts = (self.change, self.noise, self.z_mm, self.in_view, self.region, self.touching)
-        return BatchedObservation(*(part[indices] for part in parts))
+        change, noise, z_mm, in_view, region, touching = (
+            part[indices] for part in (self.change, self.noise, self.z_mm, self.in_view, self.region, self.touching)
+        )
+        sight = replace(self.sight, pixel=self.sight.pixel[indices])
+        return BatchedObservation(change, noise, z_mm, in_view, region, touching, sight)
+
+
+@dataclass(frozen=True)
+class BatchedLinesOfSight:
+    """`LinesOfSight` of each observation."""
+
+    inverse_distance_per_mm: float
+    pixel: Float32[torch.Tensor, "batch cell_rows cell_cols 2"]
+    """Where the cells were observed, from −1 to 1 across the image's plane."""
+
+    def follow(
+        self, field: Float32[torch.Tensor, "batch a b"], height_mm: Float32[torch.Tensor, "batch a b"]
+    ) -> Float32[torch.Tensor, "batch a b"]:
+        """Return a field of each skin where the lines of sight through the points of its grid meet it."""
+        down, across = (torch.linspace(-1, 1, side, device=field.device) for side in field.shape[1:])
+        plane = torch.stack(torch.meshgrid(across, down, indexing="xy"), -1)
+        pixel = plane.expand(len(field), -1, -1, -1)
+        for _ in range(on_cells.SIGHTLINE_ITERATIONS):
+            pixel = plane * (1 + _sampled(height_mm, pixel) * self.inverse_distance_per_mm)[..., None]
+        return _sampled(field, pixel)
+
+    def observe(self, change: Views) -> Views:
+        """Return the change of brightness that is observed on the cells, of that on lines of sight."""
+        return _sampled(change, self.pixel)
 
 
 @dataclass(frozen=True)
@@ -61,7 +89,8 @@ class BatchedObserver:
         noise = cell_noise(change).clamp(min=on_cells.MIN_BRIGHTNESS_NOISE).minimum(largest)
         least = self._correlated_noise_limit(grey, pixel_noise)
         region, touching = self._region(change, z_mm, in_view, noise, least)
-        return BatchedObservation(change, noise, z_mm, in_view, region, touching)
+        sight = BatchedLinesOfSight(1 / self.reader.reader.camera_distance_mm, pixel)
+        return BatchedObservation(change, noise, z_mm, in_view, region, touching, sight)
 
     def average(self, fields: Fields) -> Views:
         """Return `CellGrid.average` of each field."""
@@ -129,6 +158,7 @@ class BatchedObserver:
         deep = deep & (change < settings.thin_fraction * change.amin((1, 2), keepdim=True))
         level_mm = _median(z_mm, seen).maximum(-settings.level_fraction * depth_mm).clamp(max=0)
         pressed = z_mm < level_mm - (settings.shallow_fraction * depth_mm).clamp(min=settings.shallow_mm)
+        pressed = pressed & (change <= settings.bright_fraction * change.amax((1, 2), keepdim=True).clamp(min=0))
         dark = darkening > (settings.dark_fraction * darkest).maximum(limit)
         parts = spread_over_parts((pressed & deep).to(z_mm.dtype), pressed, cross=True) > 0
         touching = (darkest > limit)[:, 0, 0]

@@ -54,18 +54,16 @@ class BatchedInversionResult:
 
 @dataclass(frozen=True)
 class _Guess:
-    """`InitialGuess` of each observation, and the relaxation of the part that is not linear."""
+    """`InitialGuess` of each observation, and its step."""
 
     tractions: Tractions
-    about_mm: SkinFields
-    nonlinear_mm: SkinFields
+    skin: DeformedSkin
     misfit: Numbers
     step: Numbers
-    residual_mm: SkinFields
-    relaxation: Numbers
 
     def select(self, indices: torch.Tensor) -> "_Guess":
-        return _Guess(*(value[indices] for value in vars(self).values()))
+        skin = DeformedSkin(*(each[indices] for each in vars(self.skin).values()))
+        return _Guess(self.tractions[indices], skin, self.misfit[indices], self.step[indices])
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,7 @@ class BatchedTractionInversion:
         best: BatchedInversionResult | None = None
         going = torch.arange(len(observation.change), device=self.device)
         for _ in range(solver.max_iterations):
-            result, skin, misfit = self._iterate(observation, guess, cells, modes)
+            result, misfit = self._iterate(observation, guess, cells, modes)
             distance = self._distance(result)
             if best is None:
                 best, better = result, torch.ones_like(distance, dtype=torch.bool)
@@ -182,7 +180,8 @@ class BatchedTractionInversion:
                 better = distance < self._distance(best)[going]
                 best.put(going, result, better)
             step = torch.where(better, guess.step, (guess.step / 2).clamp(min=single.SMALLEST_STEP))
-            guess = _next_guess(guess, result, skin, misfit, step)
+            about = guess.tractions + step[:, None, None, None] * (result.tractions - guess.tractions)
+            guess = _Guess(about, self._forward.deform(about), misfit, step)
             going_on = (distance > 1).nonzero()[:, 0]
             if not len(going_on):
                 break
@@ -197,21 +196,20 @@ class BatchedTractionInversion:
 
     def _iterate(
         self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int
-    ) -> tuple[BatchedInversionResult, DeformedSkin, Numbers]:
-        """Compute one Gauss–Newton iteration; return the result, its skin and its misfit."""
+    ) -> tuple[BatchedInversionResult, Numbers]:
+        """Compute one Gauss–Newton iteration; return the result and its misfit."""
         forward, (rows, cols) = self._forward, self.inversion.forward.cells.shape
         problem = self._linearise(observation, guess, cells, modes)
-        at_guess, _ = self._law(guess.about_mm)
-        offset = at_guess - problem.slope * (guess.about_mm - guess.nonlinear_mm)
-        target = problem.negative_gradient(observation.change - forward.scatter(offset))
+        seen = forward.observed_change(self._law, guess.skin, observation.sight)
+        seen = seen - forward.scatter(problem.slope * guess.skin.linear_mm)
+        target = problem.negative_gradient(observation.change - seen)
         free = guess.tractions[:, 0].flatten(1).gather(1, problem.index) > 0
         weights = free.new_ones(len(free), problem.curvature.shape[1] - cells)
         solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, not self.gpu_schedule)
         tractions = problem.tractions(solution.x, (rows, cols))
         skin = forward.deform(tractions)
-        law, _ = self._law(skin.thickness_change_mm)
-        linear_mm = skin.thickness_change_mm - skin.nonlinear_mm
-        nonlinear = forward.scatter(law - offset - problem.slope * linear_mm)
+        predicted = forward.observed_change(self._law, skin, observation.sight)
+        nonlinear = predicted - seen - forward.scatter(problem.slope * skin.linear_mm)
         rest = problem.negative_gradient(nonlinear)[:, None]
         whitened = solution.whiten_rows(torch.cat([rest, self._wrench_operator(problem)], 1))
         decrement = whitened[:, 0].norm(dim=1).float().masked_fill(solution.wrong.any(1), torch.inf)
@@ -227,7 +225,7 @@ class BatchedTractionInversion:
             decrement,
             change.maximum(sticking),
         )
-        return result, skin, self._misfit(observation, forward.scatter(law))
+        return result, self._misfit(observation, predicted)
 
     def _linearise(self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int) -> _Problem:
         """Return the problem of each observation, linearised about its guess, with so many cells and modes."""
@@ -237,10 +235,13 @@ class BatchedTractionInversion:
         square = (observation.z_mm.square() * region).sum((1, 2)) / region.sum((1, 2))
         strain = square.sqrt().clamp(min=single.MIN_PRIOR_DEPTH_MM) / forward.gel.thickness_mm
         carries = smoothed(guess.tractions[:, 0] * region, self.inversion.prior.smooth_mm / forward.cells.pitch_mm)
-        carried = self._carried_shear(index, used * carries.flatten(1).gather(1, index), modes)
+        pressed = used * carries.flatten(1).gather(1, index)
+        power = pressed**single.CARRYING_EXPONENT
+        pressed = power * (pressed.sum(1) / power.sum(1).clamp(min=1e-9))[:, None]
+        carried = self._carried_shear(index, pressed, modes)
         sticking_part = _sticking_part(guess.tractions)
-        sticking = self._sticking_weights(index, used, carried, sticking_part)
-        _, slope = self._law(guess.about_mm)
+        sticking = self._sticking_weights(index, pressed, carried, sticking_part)
+        slope = self._law.slope_per_mm(guess.skin.thickness_change_mm)
         per_error = observation.in_view / self._std(observation, guess.misfit)[:, None, None]
         gain = _level_gain(per_error)
         jacobian = self._jacobian(index, used, carried, sticking, slope, per_error)
@@ -265,18 +266,25 @@ class BatchedTractionInversion:
         return carried * kept[:, None]
 
     def _sticking_weights(
-        self, index: torch.Tensor, used: torch.Tensor, carried: torch.Tensor, sticking_part: Numbers
+        self,
+        index: torch.Tensor,
+        pressed: Float32[torch.Tensor, "batch n"],
+        carried: Float32[torch.Tensor, "batch n modes"],
+        sticking_part: Numbers,
     ) -> Float32[torch.Tensor, "batch n weights"]:
         """Return the weights of the shear modes that unit pressure on each cell brings with it."""
-        modes = carried.double()
-        gram = modes.mT @ modes
-        damping = (qp.MODE_DAMPING * gram.amax((1, 2))).clamp(min=1e-12)
-        gram = gram + damping[:, None, None] * torch.eye(gram.shape[1], dtype=gram.dtype, device=gram.device)
-        projection = torch.cholesky_solve(modes.mT, torch.linalg.cholesky_ex(gram).L).mT.float()
-        projection = projection * sticking_part[:, None, None]
         shape = self.inversion.forward.cells.shape
-        found = [(_pairs(kernel, index, shape) * used[..., None]) @ projection for kernel in self._sticking_kernels]
-        return torch.cat(found, 2)
+        between = [_pairs(kernel, index, shape).mT for kernel in self._tangential_kernels]
+        step = (pressed.amax(1) / qp.GROWTH_STEPS).clamp(min=1e-9)[:, None]
+        weights = carried.new_zeros(len(carried), 2, carried.shape[2], carried.shape[1], dtype=torch.float64)
+        for level in range(qp.GROWTH_STEPS):
+            above = pressed - level * step
+            part = above.clamp(min=0).minimum(step) / pressed.clamp(min=1e-9)
+            held = carried * (above > 0)[..., None]
+            weights += (held.mT @ held).double()[:, None] @ (_holding_weights(held, between) * part[:, None, None])
+        gram = _damped(carried.mT @ carried)[:, None]
+        weights = torch.linalg.solve_ex(gram.expand(-1, 2, -1, -1), weights).result * sticking_part[:, None, None, None]
+        return weights.flatten(1, 2).mT.float()
 
     def _jacobian(
         self,
@@ -320,12 +328,13 @@ class BatchedTractionInversion:
         rows, cols = (
             self._tensor(cells.offsets(axis)).long().clamp(0, side - 1) for axis, side in enumerate(cells.shape)
         )
-        about_mm = self._forward.thickness_change_mm(z_mm[:, rows[:, None], cols])
+        height_mm = z_mm[:, rows[:, None], cols]
+        about_mm = self._forward.thickness_change_mm(height_mm)
         tractions = z_mm.new_zeros(len(z_mm), 3, *cells.shape)
         thinning_mm = -about_mm[:, : cells.rows, : cells.cols]
         tractions[:, 0] = thinning_mm.clamp(min=0) * observation.region * single.WINKLER_PER_MM
-        none, one = torch.zeros_like(about_mm), torch.ones_like(observation.noise)
-        return _Guess(tractions, about_mm, none, one, one, none, one.new_zeros(len(one)))
+        one = torch.ones_like(observation.noise)
+        return _Guess(tractions, DeformedSkin(height_mm, about_mm, torch.ones_like(about_mm), about_mm), one, one)
 
     def _misfit(self, observation: BatchedObservation, predicted: Views) -> Numbers:
         """Return the root mean square of the residual over its standard deviation; at least one."""
@@ -355,13 +364,16 @@ class BatchedTractionInversion:
     def _height_windows(self) -> list[Float32[torch.Tensor, "cell_rows cell_cols skin_rows skin_cols"]]:
         kernels, forward = self.inversion.kernels, self.inversion.forward
         tall, wide = kernels.skin_shape
-        each = (self._tensor(influence_kernel(forward.cells, one, kernels.around)) for one in forward.compliance)
+        each = (self._tensor(influence_kernel(forward.cells, one, forward.around)) for one in forward.compliance)
         return [one.unfold(0, tall, 1).unfold(1, wide, 1) for one in each]
 
     @cached_property
-    def _sticking_kernels(self) -> list[Float32[torch.Tensor, "tall wide"]]:
+    def _tangential_kernels(self) -> list[Float32[torch.Tensor, "tall wide"]]:
+        """Displacement along x by pressure and by shear along x and y, then that along y by pressure and by shear along y."""
         forward = self.inversion.forward
-        return [self._tensor(influence_kernel(forward.cells, one, (0, 0))) for one in forward.sticking_shear]
+        (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = forward.tangential_compliance
+        each = by_pressure_x, xx, xy, by_pressure_y, yy
+        return [self._tensor(influence_kernel(forward.cells, one, (0, 0))) for one in each]
 
     @cached_property
     def _precision_kernel(self) -> Float32[torch.Tensor, "tall wide"]:
@@ -399,12 +411,18 @@ class _DeviceLaw:
         )
         self._slope = self._change.diff() / self._height.diff()
 
-    def __call__(self, height_mm: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the relative change of brightness, and its derivative by the height."""
-        segment = torch.searchsorted(self._height[1:-1], height_mm, right=True)
+    def __call__(self, height_mm: torch.Tensor) -> torch.Tensor:
+        """Return the relative change of brightness."""
+        segment = self._segment(height_mm)
         inside_mm = height_mm.clamp(self._height[0], self._height[-1])
-        slope = self._slope[segment]
-        return self._change[segment] + slope * (inside_mm - self._height[segment]), slope
+        return self._change[segment] + self._slope[segment] * (inside_mm - self._height[segment])
+
+    def slope_per_mm(self, height_mm: torch.Tensor) -> torch.Tensor:
+        """Return the derivative of the change with respect to height."""
+        return self._slope[self._segment(height_mm)]
+
+    def _segment(self, height_mm: torch.Tensor) -> torch.Tensor:
+        return torch.searchsorted(self._height[1:-1], height_mm.contiguous(), right=True)
 
 
 def _up_to(count: int, step: int, most: int) -> int:
@@ -433,18 +451,20 @@ def _sticking_part(tractions: Tractions) -> Numbers:
     return (1 - shear / (single.SLIDES_FROM * pressed).clamp(min=1e-9)).clamp(min=0)
 
 
-def _next_guess(
-    last: _Guess, result: BatchedInversionResult, skin: DeformedSkin, misfit: Numbers, step: Numbers
-) -> _Guess:
-    """Return the guess from which the next iteration starts, with Aitken's relaxation of the part that is not linear."""
-    residual_mm = skin.nonlinear_mm - last.nonlinear_mm
-    change_mm = residual_mm - last.residual_mm
-    secant = (last.residual_mm * change_mm).sum((1, 2)) / change_mm.square().sum((1, 2)).clamp(min=1e-12)
-    relaxed = (-last.relaxation * secant).clamp(*single.RELAXATION_LIMITS)
-    relaxation = torch.where(last.relaxation > 0, relaxed, torch.ones_like(relaxed))
-    about_mm = last.about_mm + step[:, None, None] * (skin.thickness_change_mm - last.about_mm)
-    nonlinear_mm = last.nonlinear_mm + relaxation[:, None, None] * residual_mm
-    return _Guess(result.tractions, about_mm, nonlinear_mm, misfit, step, residual_mm, relaxation)
+def _holding_weights(
+    modes: Float32[torch.Tensor, "batch n modes"], between: list[torch.Tensor]
+) -> Float64[torch.Tensor, "batch 2 modes n"]:
+    """Return the weights of shear modes, along x and along y, that hold their cells under unit pressure on each cell."""
+    by_pressure_x, *across, by_pressure_y, yy = between
+    pushed = torch.cat([modes.mT @ by_pressure_x, modes.mT @ by_pressure_y], 1)
+    xx, xy, yy = (modes.mT @ displacement @ modes for displacement in (*across, yy))
+    stiff = torch.cat([torch.cat([xx, xy], 2), torch.cat([xy.mT, yy], 2)], 1)
+    return -torch.linalg.solve_ex(_damped(stiff), pushed.double()).result.unflatten(1, (2, -1))
+
+
+def _damped(gram: Float32[torch.Tensor, "batch n n"]) -> Float64[torch.Tensor, "batch n n"]:
+    damping = (qp.MODE_DAMPING * gram.amax((1, 2))).clamp(min=1e-12).double()
+    return gram.double() + damping[:, None, None] * torch.eye(gram.shape[1], dtype=torch.float64, device=gram.device)
 
 
 def _solve(

@@ -90,6 +90,7 @@ class _PressReader:
         depth_reader = self._last[1]
         reading = read_frame(press.frame, self.folder.shape, depth_reader)
         require_plausible_image(press.name, reading.rectified, depth_reader.reference, reading.height, reading.light)
+        load_reference_image_checker(self.folder).require_in_focus(press.name, reading.frame.image, press.references)
         return reading
 
 

@@ -73,6 +73,9 @@ class ContactRegionSettings:
     level_fraction: float = 0.2
     """Fraction of the maximum indentation down to which the median height of the view is the level from which skin counts as
     pressed in: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
+    bright_fraction: float = 0.6
+    """Fraction of the maximum brightening. Brighter cells lie on gel that bulges beside an object, although skin over a base that
+    yields is low there."""
     dark_fraction: float = 0.5
     """Fraction of the maximum darkening. Cells that are darker than this are in contact, whatever height the depth reader gives."""
 
@@ -225,6 +228,7 @@ def find_contact_region(
     deep = (z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)) & is_thinner
     level_mm = float(np.clip(np.median(z_mm[in_view > 0]), -settings.level_fraction * max_depth_mm, 0))
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
+    pressed &= change <= settings.bright_fraction * max(float(change.max()), 0.0)
     dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
     return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
 

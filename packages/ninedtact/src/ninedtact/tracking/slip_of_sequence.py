@@ -98,10 +98,10 @@ def _gaussian(images: float) -> Float[Array, " taps"]:
 
 
 def _smooth(values: Float[Array, "n k"], images: float) -> Float[Array, "n k"]:
-    """Return values smoothed along the first axis; the first and the last are repeated beyond the ends."""
+    """Return values smoothed along the first axis; beyond the ends they go on as they came, mirrored about a point."""
     if images == 0 or len(values) < _LEAST_IMAGES:
         return values
     weight = _gaussian(images)
     reach = len(weight) // 2
-    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
+    padded = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
     return np.stack([np.convolve(column, weight, mode="valid") for column in padded.T], axis=1)

@@ -25,6 +25,7 @@ import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import DaskCluster, Workers, require_workers, run_writing_jobs
@@ -52,7 +53,7 @@ from ninedtact_train.dataset.folder import (
 )
 from ninedtact_train.dataset.generation.press_session import SimulatedPressSession, load_object
 from ninedtact_train.dataset.generation.settings import GenerationSettings
-from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
+from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import ReferenceImage
 from ninedtact_train.population.sensor_population import rectified_renderer
 

@@ -57,7 +57,7 @@ NO_CONTACT_STD = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 
 MODELLED_THINNING = 0.9
 """Thinning over the gel's thickness up to which the model of the gel holds (docs/force_physics.md)."""
-LARGEST_PRESSURE = 13.0
+LARGEST_PRESSURE = 12.0
 """Pressure over the shear modulus up to which the stated errors hold for presses on a sensor's own twin: more of it, which wide
 contacts have, changes the gel's thickness too little."""
 

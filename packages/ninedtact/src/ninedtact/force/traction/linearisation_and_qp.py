@@ -117,6 +117,8 @@ MIN_MODE_POWER = 0.01
 """Fraction of the strongest shear mode's power below which a mode is left out."""
 MODE_DAMPING = 1e-3
 """Damping of the projection on shear modes, relative to the strongest of them: neighbouring modes overlap."""
+GROWTH_STEPS = 4
+"""Number of levels of the pressure over which a contact is taken to have grown."""
 _CELLS_PER_BATCH = 64
 """Number of cells whose fields are computed together, small enough for the processor's cache."""
 
@@ -135,7 +137,7 @@ class TractionPrior:
     """Standard deviation of the part of shear over pressure that varies over the contact. A third more than the value found, for
     what the modes cannot represent: with less, wide contacts are read too weak."""
     spread_mm: float = 2.0
-    smooth_mm: float = 0.4
+    smooth_mm: float = 0.5
     """Length below which pressure varies less than exp(−r/ℓ) does, and standard deviation of the Gaussian that smooths it before it
     carries shear. Light that scatters hides a pressure that alternates from cell to cell, which would be found in deep presses."""
 
@@ -249,15 +251,24 @@ class LinearisedBrightnessProblem:
     def sticking_weights(self) -> Float32[Array, "n weights"]:
         """Weights of the shear modes along x and along y that unit pressure on each of these cells brings with it.
 
-        They are the projection on the modes of the shear that keeps the skin in place, as far as it does.
+        They are those of the shear that keeps the skin in place, as far as it does. Skin that an object reaches late has moved
+        before: the contact is taken to have grown over the levels of the pressure, and what each step adds to have found the skin
+        of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        modes = self.carried_shear.astype(float)
-        gram = modes.T @ modes
-        gram[np.diag_indices_from(gram)] += max(MODE_DAMPING * float(gram.max()), 1e-12)
-        projection = self.sticking_part * np.linalg.solve(gram, modes.T).T.astype(np.float32)
-        sticking = self.kernels.sticking_shear_of_cells(row, col)
-        return np.concatenate([shear[:, row, col] @ projection for shear in sticking], axis=1)
+        carried, modes = self.carries[row, col], self.carried_shear
+        between = self.kernels.tangential_between_cells(row, col)
+        step = max(float(carried.max()) / GROWTH_STEPS, 1e-9)
+        weights = np.zeros((2, modes.shape[1], len(row)))
+        for level in range(GROWTH_STEPS):
+            above = carried - level * step
+            held = above > 0
+            if held.any():
+                part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
+                holding = _holding_weights(modes[held], between[:, :, held], held) * part
+                weights += modes[held].T @ modes[held] @ holding
+        weights = np.linalg.solve(_damped(modes.T @ modes), weights)
+        return (self.sticking_part * np.concatenate(list(weights)).T).astype(np.float32)
 
     @cached_property
     def jacobian(self) -> Float32[Array, "unknowns cells"]:
@@ -333,6 +344,25 @@ class LinearisedBrightnessProblem:
     @cached_property
     def _slope_on_skin(self) -> Float32[Array, "skin_rows skin_cols"]:
         return self.kernels.crop_to_skin(self.slope)
+
+
+def _holding_weights(
+    modes: Float32[Array, "held modes"], between: Float32[Array, "2 3 held n"], held: Bool[Array, " n"]
+) -> Float64[Array, "2 modes n"]:
+    """Return the weights of shear modes, along x and along y, that hold the skin of some cells under unit pressure on each cell.
+
+    They are those of the least elastic energy, as Galerkin's method finds them.
+    """
+    (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = between
+    pushed = np.concatenate([modes.T @ by_pressure_x, modes.T @ by_pressure_y])
+    xx, xy, yy = (modes.T @ displacement[:, held] @ modes for displacement in (xx, xy, yy))
+    stiff = np.block([[xx, xy], [xy.T, yy]])
+    return -np.linalg.solve(_damped(stiff), pushed).reshape(2, modes.shape[1], -1)
+
+
+def _damped(gram: Float32[Array, "n n"]) -> Float64[Array, "n n"]:
+    """Return the products of modes with a little damping: neighbouring modes overlap."""
+    return gram.astype(float) + max(MODE_DAMPING * float(gram.max()), 1e-12) * np.eye(len(gram))
 
 
 def pressure_precision_spectrum(

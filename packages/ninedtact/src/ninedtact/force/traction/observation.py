@@ -144,7 +144,7 @@ View = Float32[Array, "rows cols"]
 
 _EXTENSION_FACTOR = 2.0
 """Multiple of the calibrated range up to which the depth curve is extrapolated along its last segment."""
-SIGHTLINE_ITERATIONS = 5
+SIGHTLINE_ITERATIONS = 4
 MIN_BRIGHTNESS_NOISE = 2e-4
 """Smallest noise of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
 LOCAL_FRACTION = 0.4
@@ -198,6 +198,32 @@ def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
 
 
 @dataclass(frozen=True)
+class LinesOfSight:
+    """Where the lines of sight of an image meet the plane of the untouched skin, and which of them the cells were observed at."""
+
+    inverse_distance_per_mm: float
+    """One over the viewing distance; zero where lines of sight are parallel."""
+    pixel: Float32[Array, "2 rows cols"]
+    """Column and row, in cells of the image's plane, of the line of sight at which each cell was observed."""
+
+    def follow(self, field: Float32[Array, "a b"], height_mm: Float32[Array, "a b"]) -> Float32[Array, "a b"]:
+        """Return a field of the skin where the lines of sight through the points of its grid meet it; the camera is under its
+        middle."""
+        rows, cols = field.shape
+        middle = np.array([(cols - 1) / 2, (rows - 1) / 2], np.float32)[:, None, None]
+        from_middle = np.stack(np.meshgrid(*(np.arange(side, dtype=np.float32) for side in (cols, rows)))) - middle
+        pixel = from_middle + middle
+        for _ in range(SIGHTLINE_ITERATIONS):
+            seen_mm = sample_field(height_mm, pixel, cv2.INTER_LINEAR)
+            pixel = from_middle * (1 + seen_mm * np.float32(self.inverse_distance_per_mm)) + middle
+        return sample_field(field, pixel, cv2.INTER_LINEAR)
+
+    def observe(self, change: View) -> View:
+        """Return the change of brightness that is observed on the cells, of that on lines of sight."""
+        return _at_pixels(change, self.pixel)
+
+
+@dataclass(frozen=True)
 class ObservationOnCells:
     """The observed signal and its errors as orthorectified fields on the cells."""
 
@@ -211,6 +237,8 @@ class ObservationOnCells:
     """Height from the depth reader, used for the initial guess and the contact region."""
     in_view: View
     """One where a cell is seen, zero where not."""
+    sight: LinesOfSight | None = None
+    """How the cells were observed; None where lines of sight are parallel."""
 
 
 class ObservationModel(ABC):
@@ -248,7 +276,8 @@ class BrightnessObservationModel(ObservationModel):
         noise = min(max(estimate_cell_noise(change), MIN_BRIGHTNESS_NOISE), largest)
         uneven = reading.light.gradient
         error = float(np.hypot(LOCAL_FRACTION * self.curve_error, 0.0 if uneven is None else uneven.error))
-        return ObservationOnCells(change, noise, error, below.z_mm, below.in_view.astype(np.float32))
+        sight = LinesOfSight(1 / reading.height.camera_distance_mm, pixel)
+        return ObservationOnCells(change, noise, error, below.z_mm, below.in_view.astype(np.float32), sight)
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
         """Return the relative change of brightness of every cell, corrected for the global loss of light."""
