@@ -163,7 +163,7 @@ def _fit_gradient(logarithm: Cells, skin: CellMask, terms: int) -> LightGradient
         deviation = np.abs(values - coefficients @ basis)
         left = np.median(deviation)
         weighted = basis / (1 + (deviation / (2 * left + np.float32(1e-6))) ** 2)
-    root = np.linalg.cholesky(np.linalg.inv(weighted @ basis.T))
+    root = np.linalg.cholesky(np.linalg.inv((weighted @ basis.T).astype(float)))
     leverage = np.square(root.T @ everywhere.reshape(terms, -1)).sum(axis=0).max()
     return LightGradient(
         tuple(coefficients[1:].tolist()),
