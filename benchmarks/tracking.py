@@ -3,7 +3,8 @@ and whether what cannot be seen is claimed.
 
 Each object is pressed 0.5 mm deep and moved in steps of (0.1, 0.05) mm, turned by 2° and tilted by 0.1° a step. Errors are those of
 the point in the middle of the first contact. The turn of balls and flat round faces cannot be seen. Heads of screws are also turned
-once around in steps of 10°.
+once around in steps of 10°. The sensors are twins of six real fits: A and I as calibrated from their real images, the others
+calibrated from images of their own twins.
 """
 
 from collections.abc import Iterable
@@ -14,6 +15,7 @@ from time import process_time
 import numpy as np
 import tyro
 from figures import Figure, answer, at_least, at_most, holds
+from force_on_real_fits import calibrate_twin
 from real_images import calibrated
 
 from ninedtact.calibration.save import save_sensor
@@ -22,9 +24,10 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import read_frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact.tracking import ObjectTracker, RigidMotion
+from ninedtact.tracking import ContactTracker, ObjectTracker, RigidMotion
+from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 
-SENSORS = "sensor_a", "sensor_i"
+SENSORS = "sensor_a", "sensor_i", "L", "P", "Q", "R"
 TEXTURED = "key_05", "key_11", "letter_03", "letter_17", "gear_07", "spanner_02", "cross_03", "text_02"
 FEATURELESS = "ball:4", "ball:8", "punch"
 TURNED, TURN_DEPTH_MM, TURN_STEP_DEG = ("cross_02", "cross_03", "cross_05", "spline_01", "letter_03"), 0.35, 10
@@ -48,17 +51,46 @@ class Followed:
 def tracking(out: Path = Path("out/own_twin_presses"), quick: bool = False, json: bool = False) -> None:
     """Follow every object on every sensor."""
     figures: list[Figure] = []
+    of_all: dict[str, list[float]] = {}
     for name in SENSORS[: 1 if quick else None]:
         if not (out / name).is_dir():
-            save_sensor(out / name, calibrated(name, "physics"))
+            if name in ("sensor_a", "sensor_i"):
+                save_sensor(out / name, calibrated(name, "physics"))
+            else:
+                calibrate_twin(twins_of_real_fits()[name], out / name)
         sensor = load_sensor(out / name)
         steps = 2 if quick else STEPS
         textured = [follow(sensor, item, drag_and_turn(steps)) for item in TEXTURED[: 1 if quick else None]]
         plain = [follow(sensor, item, drag_and_turn(steps)) for item in FEATURELESS[: 1 if quick else None]]
         around = range(0, 21 if quick else 361, TURN_STEP_DEG)
         turned = [follow(sensor, item, turn_around(around)) for item in TURNED[: 1 if quick else None]]
-        figures += [*figures_of(name, textured, plain), *figures_of_turns(name, textured, turned)]
+        found = [
+            *figures_of(name, textured, plain),
+            *figures_of_turns(name, textured, turned),
+            at_least(f"{name}: images per second with force, contacts and slip", rate_with_force(sensor, steps), 60),
+        ]
+        for figure in found:
+            if isinstance(figure.measured, int | float):
+                of_all.setdefault(figure.figure.partition(": ")[2], []).append(figure.measured)
+        figures += found
+    for what, values in of_all.items():
+        numbers = f"{np.mean(values):.3g}; {min(values):.3g} to {max(values):.3g}"
+        figures.append(Figure(f"mean; least to largest of {len(values)} sensors: {what}", numbers))
     answer("Objects followed on a sensor's own twin", figures, json)
+
+
+def rate_with_force(sensor: SensorFolder, steps: int) -> float:
+    """Return the images per second of processor time with heights, force, contacts, motion and slip."""
+    twin, shape, tracker, estimator = sensor.twin(), sensor.shape, ContactTracker(), sensor.estimator("physics")
+    reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(8)))
+    indenter, last, spent = indenter_from_name(TEXTURED[0]), None, 0.0
+    for step, pose in enumerate(drag_and_turn(steps)):
+        last = twin.press(last, indenter, pose)
+        frame = Frame(twin.renderer(last.corrected, step), (step + 1) * 16_666_667, step)
+        began = process_time()
+        tracker.update(estimator.add_force(read_frame(frame, shape, reader)))
+        spent += process_time() - began
+    return (steps + 1) / spent
 
 
 def drag_and_turn(steps: int) -> list[Pose]:
@@ -157,7 +189,8 @@ def figures_of_turns(name: str, textured: list[Followed], turned: list[Followed]
             "°",
         ),
         Figure(f"{name}: drift of each, °", of_each),
-        at_least(f"{name}: sense of rotation right, of {len(steps)} steps", right, 0.99),
+        at_least(f"{name}: sense of rotation right", right, 0.99),
+        Figure(f"{name}: steps of rotation", len(steps)),
     ]
 
 

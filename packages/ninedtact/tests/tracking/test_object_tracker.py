@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_registration import ball, bumpy, seen_height
+from test_registration import ball, bumpy, seen_height, star
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.cli import main
@@ -26,10 +26,11 @@ class Seen:
     is_touching: bool = True
     image_warnings: tuple[EstimateWarning, ...] = ()
     warnings: tuple[EstimateWarning, ...] = field(default=())
+    least_mm: float = 0.03
 
     @property
     def contact(self) -> np.ndarray:
-        return (self.height.z_mm < -0.03) & self.is_touching
+        return (self.height.z_mm < -self.least_mm) & self.is_touching
 
 
 def turned_by(yaw_rad: float, x_mm: float = 0.0) -> RigidMotion:
@@ -62,6 +63,20 @@ def test_an_object_that_comes_back_is_recognised_and_another_one_is_not() -> Non
     tracker.update(free)  # type: ignore[arg-type]
     other = tracker.update(Seen(seen_height(ball, RigidMotion())))  # type: ignore[arg-type]
     assert other.path == 2 and other.state == TrackState.TRACKED
+
+
+@pytest.mark.usefixtures("without_type_checks")
+def test_a_star_is_followed_for_half_a_turn_but_not_known_by_which_ray_it_comes_back() -> None:
+    tracker = ObjectTracker()
+    for step in range(19):
+        true = turned_by(np.radians(10 * step))
+        found = tracker.update(Seen(seen_height(star, true, 0.002, step), least_mm=0.4))  # type: ignore[arg-type]
+        assert found.state == TrackState.TRACKED and found.path == 1
+    error = found.motion.difference(true, np.zeros(3))
+    assert np.degrees(abs(error[5])) < 1 and np.degrees(found.std[5]) < 5
+    tracker.update(Seen(seen_height(star, RigidMotion()), is_touching=False))  # type: ignore[arg-type]
+    back = [tracker.update(Seen(seen_height(star, turned_by(angle)), least_mm=0.4)) for angle in (0.0, 0.1)]  # type: ignore[arg-type]
+    assert [one.path for one in back] == [2, 2] and back[1].motion.yaw_rad == pytest.approx(0.1, abs=0.02)
 
 
 @pytest.mark.usefixtures("without_type_checks")

@@ -1,5 +1,7 @@
 """The motion between two surfaces: found where it can be seen, not claimed where it cannot, with errors that follow the laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -25,6 +27,12 @@ def bumpy(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def ball(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Height of a ball of 4 mm that is pressed 1 mm deep."""
     return 3.0 - np.sqrt(np.maximum(16 - x**2 - y**2, 0))
+
+
+def star(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Height of the skin under a flat star with five rays, which falls to it within some tenths of a millimetre."""
+    outline = 2.4 + 0.5 * np.cos(5 * np.arctan2(y, x))
+    return -0.5 / (1 + np.exp((np.hypot(x, y) - outline) / 0.12))
 
 
 def seen_height(underside, motion: RigidMotion, noise_mm: float = 0.0, seed: int = 0) -> HeightMap:
@@ -89,6 +97,21 @@ def test_the_sliding_of_a_flat_face_is_not_claimed() -> None:
     assert found.std[:2].min() > 2 and np.degrees(found.std[5]) > 60
     assert found.std[2] < 0.03 and np.degrees(found.std[3:5]).max() < 1
     assert np.abs(found.motion.translation_mm).max() < 0.01
+
+
+@pytest.mark.parametrize("dragged_mm", [0.0, 0.03])
+def test_the_outline_of_a_flat_face_shows_its_turn_while_skin_is_dragged_along(dragged_mm: float) -> None:
+    true = RigidMotion().perturbed(np.zeros(3), np.array([0.2, -0.1, 0.0, 0.0, 0.0, np.radians(12)]))
+    heights = [seen_height(star, motion, 0.004, seed) for seed, motion in enumerate((RigidMotion(), true))]
+    x, y = heights[1].axes_mm
+    smooth = dragged_mm * np.sin(x / 2.5) * np.cos(y[:, None] / 3.0)
+    heights[1] = replace(heights[1], z_mm=heights[1].z_mm + smooth.astype(np.float32))
+    before, after = (surface_of(height, 0.4) for height in heights)
+    found = Registration()(before, after)
+    assert found is not None
+    error = found.motion.difference(true, before.centre_mm)
+    assert np.abs(error[:2]).max() < 0.03 and np.degrees(abs(error[5])) < 0.5
+    assert np.degrees(found.std[5]) < 1 and (np.abs(error) < 3 * found.std)[[0, 1, 5]].all()
 
 
 def test_an_error_is_moved_and_turned_as_its_samples_are() -> None:

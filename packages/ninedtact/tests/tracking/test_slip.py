@@ -77,6 +77,12 @@ def test_noise_alone_slides_nothing_in_a_minute_and_neither_does_creep() -> None
     assert not [one for one in found if one.state == SlipState.GROSS]
 
 
+def test_an_object_that_rolls_under_next_to_no_load_does_not_slide() -> None:
+    rolled_mm = np.concatenate([np.zeros(20), 0.04 * np.arange(30), 1.2 - 0.04 * np.arange(60)])
+    found = follow(SlipEstimator(least_friction=0.1), rolled_mm, 0.01 * LOAD_N * rolled_mm)
+    assert {one.state for one in found} == {SlipState.STATIC}
+
+
 def test_what_is_known_of_friction_stays_when_the_object_is_lifted_and_time_must_pass() -> None:
     estimator = SlipEstimator()
     before = follow(estimator, DRAG_MM, tangential_load_n(DRAG_MM))[-1]

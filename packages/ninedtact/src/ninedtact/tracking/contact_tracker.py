@@ -29,6 +29,8 @@ _UNLIKELY_MM = 0.6
 """Difference between the steps by edges and by centres from which edges are mistaken."""
 CONTACT_CENTRE_STD_MM = 0.012
 """Error of the motion of a contact's centre between images, found on simulated sensors."""
+_LEAST_FRICTION = 0.1
+"""Friction of dry things on silicone is above this."""
 _LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
 """Error of loads between images, found on simulated sensors."""
 
@@ -60,7 +62,7 @@ class ContactTracker:
     """
 
     objects: ObjectTracker = field(default_factory=ObjectTracker)
-    slip: SlipEstimator = field(default_factory=SlipEstimator)
+    slip: SlipEstimator = field(default_factory=lambda: SlipEstimator(_LEAST_FRICTION))
     turning: TurningSlip = field(default_factory=TurningSlip)
     _followed: ContactFollower = field(default_factory=ContactFollower, init=False, repr=False)
     _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
@@ -141,7 +143,7 @@ class ContactTracker:
 
     def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""
-        self._slips = {one.number: self._slips.get(one.number, SlipEstimator()) for one in contacts}
+        self._slips = {one.number: self._slips.get(one.number, SlipEstimator(_LEAST_FRICTION)) for one in contacts}
         return tuple(
             SlipEstimate()
             if one.force is None

@@ -3,10 +3,11 @@
 Every reading is registered with the last key frame, so that errors do not add up from frame to frame. A new key frame is taken
 where the object has turned or moved so far that the surfaces hardly overlap. Where nothing touches, or the surfaces do not fit, the
 object is lost, and the state says why. When something touches again it is compared with the key frames: if one fits, the path goes
-on; otherwise another path begins.
+on, unless it fits after another turn as well; otherwise another path begins. In the same way a turn that the object did not show
+for a while is not known again before no other one fits.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import radians
 
@@ -16,7 +17,8 @@ from numpy import ndarray as Array
 
 from ninedtact.quantities import EstimateWarning
 from ninedtact.reading import Reading
-from ninedtact.tracking.registration import Registration, RegistrationResult
+from ninedtact.tracking.other_turns import fits_at_another_turn
+from ninedtact.tracking.registration import PRIOR_RAD, Registration, RegistrationResult
 from ninedtact.tracking.rigid_motion import Covariance, RigidMotion, move_error, turn_error
 from ninedtact.tracking.touched_surface import TouchedSurface, extract_touched_surface
 
@@ -26,6 +28,10 @@ _KEY_FRAME_TURN_RAD = radians(25)
 _MAX_RMS_MM = 0.08
 """Root mean square distance of surfaces above which they are not the same object's."""
 _MAX_KEY_FRAMES = 40
+_SEEN_TURN_RAD = 0.3
+"""Standard deviation of a turn up to which it is seen."""
+_NO_TURN = np.diag([0, 0, 0, 0, 0, PRIOR_RAD**2])
+"""What is added to the covariance where the turn is not known."""
 
 
 class TrackState(StrEnum):
@@ -95,7 +101,9 @@ class ObjectTracker:
     _current: _KeyFrame | None = field(default=None, init=False, repr=False)
     """The key frame in use; None before the first contact and while the object is lost."""
     _relative: list[RigidMotion] = field(default_factory=list, init=False, repr=False)
-    """The last two motions since the key frame in use."""
+    """The last two motions since the key frame in use; one where the turn is not seen."""
+    _turn_was_lost: bool = field(default=False, init=False, repr=False)
+    """Whether the turn since the key frame in use was out of sight."""
 
     def update(self, reading: Reading) -> ObjectMotion:
         """Return where the object is in the next reading of the stream."""
@@ -116,8 +124,21 @@ class ObjectTracker:
         reason = _reason_to_reject(found)
         if found is None or reason:
             return self._lose(TrackState.LOST, doubt or reason)
-        self._relative = [*self._relative[-1:], found.motion]
+        found = self._with_doubt_of_turn(self._current, found, surface)
+        # What is not seen must not go on as noise once moved it.
+        before = [] if self._turn_was_lost else self._relative[-1:]
+        self._relative = [*before, found.motion]
         return self._accept(self._current, found, surface)
+
+    def _with_doubt_of_turn(
+        self, key: _KeyFrame, found: RegistrationResult, surface: TouchedSurface
+    ) -> RegistrationResult:
+        """Return the result, with an unknown turn where it is seen again but may be another one."""
+        if found.std[5] > _SEEN_TURN_RAD:
+            self._turn_was_lost = True
+            return found
+        self._turn_was_lost = self._turn_was_lost and fits_at_another_turn(self.register, key.surface, surface, found)
+        return replace(found, covariance=found.covariance + _NO_TURN) if self._turn_was_lost else found
 
     def _predicted(self) -> RigidMotion:
         """Return the motion since the key frame if the last step is repeated."""
@@ -150,7 +171,12 @@ class ObjectTracker:
         )
 
     def _use(self, key: _KeyFrame) -> None:
-        self._current, self._relative = key, []
+        # The last two motions are counted from this key frame: the object goes on as it did.
+        self._current, self._relative = (
+            key,
+            [one.after(last.inverse) for one in self._relative for last in self._relative[-1:]],
+        )
+        self._turn_was_lost = False
         # The first key frame is kept, because errors are smallest against it.
         self._key_frames = [*self._key_frames[:1], *self._key_frames[1:][-(_MAX_KEY_FRAMES - 2) :], key]
 
@@ -164,8 +190,10 @@ class ObjectTracker:
                 tried.append((found.rms_mm / found.overlap, key, found))
         if tried:
             _, key, found = min(tried, key=lambda one: one[0])
-            self._current, self._relative = key, [found.motion]
-            return self._accept(key, found, surface)
+            is_seen = found.std[5] < _SEEN_TURN_RAD
+            if not is_seen or not fits_at_another_turn(self.register, key.surface, surface, found):
+                self._current, self._relative, self._turn_was_lost = key, [found.motion], not is_seen
+                return self._accept(key, found, surface)
         self.path += 1
         self._origin_mm, self._key_frames = surface.centre_mm, []
         self._use(_KeyFrame(surface, RigidMotion(), np.zeros((6, 6))))

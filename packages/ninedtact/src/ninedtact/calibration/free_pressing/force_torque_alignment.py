@@ -27,7 +27,7 @@ from ninedtact.capture.force_torque.wrench_source_from_address import mount_rota
 from ninedtact.design import ForceTorqueMount
 from ninedtact.force.estimator_and_scale import SHEAR_COMPONENTS
 
-LONGEST_DELAY_S = 0.5
+LONGEST_DELAY_S = 0.6
 """Largest difference between the clocks of images and samples; a larger one is refused."""
 _SEARCHED_S, _DELAY_STEP_S = 1.0, 0.01
 _KNOTS_APART_S = 60.0
