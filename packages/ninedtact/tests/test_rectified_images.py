@@ -126,6 +126,13 @@ def test_a_sequence_that_begins_pressed_takes_its_last_images_as_the_reference_a
     assert {row["slip"] for row in rows[HELD + DRAGGED :]} == {"static"}
 
 
+def test_displacement_is_uncertain_from_where_the_contact_leaves_the_view(drag: Drag, tmp_path: Path) -> None:
+    rows = track(
+        save([image[:, :46] for image in drag.images], tmp_path / "images"), "--mm-per-px", f"{VIEW_MM / COLS}"
+    )
+    assert float(rows[FREE + DOWN]["x_mm_std"]) < 0.3 and float(rows[-1]["x_mm_std"]) > 1
+
+
 def test_an_object_that_jumps_is_followed_anew(drag: Drag, tmp_path: Path) -> None:
     after = [np.ascontiguousarray(image[:, ::-1]) for image in drag.images[-6:]]
     rows = track(

@@ -27,6 +27,10 @@ are above, and four fifths of those of two objects below."""
 _LEAST_JUMP_MM, _FASTEST_MM_PER_S = 2.0, 60.0
 """Change of a step of the dent, and of its speed, from which it is a jump: a hand, or a cut of the sequence, changed the object."""
 _LEAST_STD_MM = 0.01
+_UNSEEN_STD_MM = 1.0
+"""Error of a displacement from the image on in which a part of the contact is out of view."""
+_BORDER_PART = 0.1
+"""Part of a dent at the border of the view from which it is not noise."""
 _RELATIVE_ERROR = 0.1
 """Error of a displacement over its length, on simulated sensors: shear moves the middle of a dent."""
 _UNSEEN_RAD = 2.0
@@ -57,6 +61,12 @@ class _Dent:
     centre_mm: Float[Array, "2"]
     """Its middle, weighted by depth."""
     mm_per_px: float
+
+    @property
+    def reaches_border(self) -> bool:
+        """Whether a part of it may be out of view."""
+        at_border = self.depth_mm.sum() - self.depth_mm[2:-2, 2:-2].sum()
+        return bool(at_border > _BORDER_PART * self.depth_mm.sum())
 
     def likeness_to(self, before: "_Dent") -> float:
         """Return the correlation with an earlier dent that is moved onto this one: 1 for the same shape."""
@@ -102,6 +112,8 @@ class UprightTracker:
         else:
             self._step_mm = dent.centre_mm - last.centre_mm
             self._add_step(self._step_mm, before, motion)
+        if dent.reaches_border:
+            self._variance_mm2 = np.maximum(self._variance_mm2, _UNSEEN_STD_MM**2)
         self._dent, self._motion = dent, motion
         std_mm = np.hypot(np.sqrt(self._variance_mm2), _RELATIVE_ERROR * float(np.linalg.norm(self._moved_mm)))
         yaw = (motion.motion.yaw_rad, float(motion.std[5])) if motion.is_known else (np.nan, _UNSEEN_RAD)
