@@ -79,6 +79,13 @@ def gradient(image: Image, amplitude: float) -> Image:
     return image * np.exp(np.float32(amplitude) * across)[:, None]
 
 
+def second_order(image: Image, amplitude: float, saddle: bool = False) -> Image:
+    """The middle brighter than the border, or two corners brighter than the others."""
+    across, along = (np.linspace(-1, 1, side, dtype=np.float32) for side in image.shape[1::-1])
+    shape = np.outer(along, across) if saddle else 0.5 - np.add.outer(along**2, across**2) / 2
+    return image * np.exp(np.float32(amplitude) * (shape if saddle else 2 * shape))[..., None]
+
+
 def gamma(image: Image, exponent: float) -> Image:
     return np.asarray(255 * (image / np.float32(255)) ** exponent)
 
@@ -100,6 +107,9 @@ PRESSES: dict[str, Callable[[Image], Image]] = {
     "gain × 0.95": lambda image: image * np.float32(0.95),
     "gamma 0.9": partial(gamma, exponent=0.9),
     "gradient ±2 %": partial(gradient, amplitude=0.02),
+    "brighter middle ±2 %": partial(second_order, amplitude=0.02),
+    "brighter border ±2 %": partial(second_order, amplitude=-0.02),
+    "brighter corners ±2 %": partial(second_order, amplitude=0.02, saddle=True),
     "bands ±0.5 %": partial(bands, at_s=0.1, amplitude=0.005),
     "bands ±4 %": partial(bands, at_s=0.1, amplitude=0.04),
     "speck": partial(speck, at_s=9),

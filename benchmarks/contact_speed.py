@@ -158,7 +158,7 @@ def our_cold_solve(skin: Skin, heights: Float64[Array, "rows cols"], call: int =
         skin.operators.first_step_lengths(none)[0],
     )
     start = PressureSolution(even, indentation, none, none, none, none, step_length)
-    return solve_pressure(skin.operators, held, -heights, start, none + 2 * TARGET_MM, 1000)
+    return solve_pressure(skin.operators, held, -heights, start, lambda deeper: none + 2 * TARGET_MM, 1000)
 
 
 def tamaas_tasks() -> Tasks:

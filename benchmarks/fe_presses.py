@@ -9,6 +9,7 @@ Presses of two layers (`--two-layers`) tell whether the depth of a ball follows 
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from scipy.interpolate import griddata
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, load_sensor
+from ninedtact.calibration.sensor_with_other_base import sensor_with_other_base
+from ninedtact.calibration.twin.gel_base import KnownBase
 from ninedtact.design import Gel
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.mechanics.base_deflection import BaseDeflection
@@ -77,24 +80,25 @@ def fe_presses(
     member = twins_of_real_fits()[SENSOR]
     member = replace(member, gel=Gel(FE_THICKNESS_MM, MODULUS_MPA, gel_to_base_modulus_ratio=0.0))
     twin = member.twin()
-    folder = out / f"sensor_{SENSOR}_fe{'_ball' if ball_of_elements else ''}"
-    if not quick and not (folder / SENSOR_FILE).is_file():
-        if ball_of_elements:
+    folder = out / ("quick" if quick else f"sensor_{SENSOR}_fe{'_ball' if ball_of_elements else ''}")
+    if not (folder / SENSOR_FILE).is_file():
+        if quick:
+            save_sensor(folder, calibrated("sensor_a", "physics"))
+        elif ball_of_elements:
             calibrate_on_elements(member, next(one for one in read_presses(presses) if one.name == DEEPEST), folder)
         else:
             calibrate_twin(member, folder)
-    sensor = SensorFolder(Path(), calibrated("sensor_a", "physics").record) if quick else load_sensor(folder)
+    sensor = load_sensor(folder)
     base = sensor.record.twin.fit.parameters["gel_to_base_modulus_ratio"]
     print(
         f"calibrated: {sensor.gel.thickness_mm:.3f} mm of gel, modulus over that of its base {base.value:.2f} ± {base.std:.2f}"
     )
-    estimator = build_estimator("physics", sensor.shape, replace(sensor.gel, shear_modulus_mpa=MODULUS_MPA))
-    references = [Frame(twin.renderer(None, -1 - number)) for number in range(REFERENCES)]
-    depth_reader = sensor.shape.depth_reader(*references)
+    readers = [reader_of(one, twin) for one in (sensor, sensor_with_other_base(sensor, KnownBase(0.0)))]
     print(
-        "F_z, and F_xy where dragged: N, and over the finite elements'. Height: RMS of the corrected twin where it is pressed."
+        'F_z, and F_xy where dragged: N, and over the finite elements\'; "its base": physics, calibrated with the true base. '
+        "Height: RMS of the corrected twin where it is pressed."
     )
-    columns = ("linear", "finite", "physics")
+    columns = ("linear", "finite", "physics", "its base")
     print(
         f"{'press':14s} {'F_z':>7s} "
         + " ".join(f"{name:>7s}" for name in columns)
@@ -105,13 +109,25 @@ def fe_presses(
         linear = press_twin(twin, press)
         finite = correct_for_finite_strain(linear)
         drawn = draw_surface(linear, press)
-        estimator.forget()
-        read = estimator.estimate(read_frame(Frame(twin.renderer(drawn, number)), sensor.shape, depth_reader))
-        print(row(press, linear, finite, read, drawn))
+        read, with_base = (reader(Frame(twin.renderer(drawn, number))) for reader in readers)
+        print(row(press, linear, finite, read, with_base, drawn))
         deviations.append(abs(read.wrench.six[2] - press.wrench[2]) / read.std[2])
     within = [sum(deviation < limit for deviation in deviations) for limit in (1, 2)]
     print(f"F_z of {within[0]} and {within[1]} of {len(deviations)} presses is within one and two standard deviations")
     print_depths_from_thickness(two_layers)
+
+
+def reader_of(sensor: SensorFolder, twin: Twin) -> Callable[[Frame], WrenchEstimate]:
+    """Return what estimates the wrench of single images of a twin with the calibration of a sensor."""
+    estimator = build_estimator("physics", sensor.shape, replace(sensor.gel, shear_modulus_mpa=MODULUS_MPA))
+    references = [Frame(twin.renderer(None, -1 - number)) for number in range(REFERENCES)]
+    depth_reader = sensor.shape.depth_reader(*references)
+
+    def read(frame: Frame) -> WrenchEstimate:
+        estimator.forget()
+        return estimator.estimate(read_frame(frame, sensor.shape, depth_reader))
+
+    return read
 
 
 def print_depths_from_thickness(path: Path) -> None:
@@ -176,7 +192,14 @@ def draw_surface(contact: Contact, press: FePress) -> Contact:
     return replace(contact, height_mm=height.astype(np.float32))
 
 
-def row(press: FePress, linear: Contact, finite: Contact, read: WrenchEstimate, drawn: Contact) -> str:
+def row(
+    press: FePress,
+    linear: Contact,
+    finite: Contact,
+    read: WrenchEstimate,
+    with_base: WrenchEstimate,
+    drawn: Contact,
+) -> str:
     """Format one press."""
     true, load = press.wrench, press.wrench[2]
     pressed = np.asarray(linear.pressure_mpa) > 0
@@ -187,7 +210,7 @@ def row(press: FePress, linear: Contact, finite: Contact, read: WrenchEstimate, 
     mechanics = [contact.wrench().six[2] / load if known else np.nan for contact in (linear, finite)]
     texts = [
         f"{press.name:14s} {load:7.2f} {mechanics[0]:7.2f} {mechanics[1]:7.2f}",
-        f"{read.wrench.six[2] / load:8.2f} {read.std[2] / abs(load):5.2f} |",
+        f"{read.wrench.six[2] / load:7.2f} {with_base.wrench.six[2] / load:8.2f} {read.std[2] / abs(load):5.2f} |",
     ]
     lateral = float(np.hypot(*true[:2]))
     if press.name in FIRST_PLACE:

@@ -1,11 +1,11 @@
 """Environments per second on a GPU: contacts with friction's memory and their wrenches, alone and with images, all on the device.
 
 A ball is pressed, dragged, twisted and tilted in every environment of a `TwinBatch`, each in its own way, on the gel of a simulated
-sensor at finite strain on a base that yields. Beside the rates: how far the batch is from the CPU's presses, and a coarser grid
-from the finest; and sessions of `ninedtact simulate dataset`, which are of many sensors and objects. Without a GPU, torch does the
-same on the CPU, whose rates say nothing of a GPU; what the step asks of one is counted on any device: kernels, times at which the
-processor waits for the device, and bytes that kernels read and write, with the rate that these bytes allow an H100. The whole fits
-into eight minutes; what does not is said not to be measured.
+sensor at finite strain on a base that yields. Beside the rates: how far the batch is from the CPU's presses, a coarser grid from
+the finest, and the force from itself a thousand steps before; and sessions of `ninedtact simulate dataset`, which are of many
+sensors and objects. Without a GPU, torch does the same on the CPU, whose rates say nothing of a GPU; what the step asks of one is
+counted on any device: kernels, times at which the processor waits for the device, and bytes that kernels read and write, with the
+rate that these bytes allow an H100. The whole fits into eight minutes; what does not is said not to be measured.
 """
 
 from collections import Counter
@@ -27,6 +27,9 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from ninedtact.calibration.nominal_shape import nominal_shape
+from ninedtact.errors import DeviceError
+from ninedtact.force.estimator_and_scale import MODULUS_KNOWN, ScaledForceEstimator
+from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.pose import Pose
@@ -36,6 +39,7 @@ from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin_batch import TwinBatch
 from ninedtact_train.batched.depth_reading import BatchedDepthReader
 from ninedtact_train.batched.executor import BatchExecutor, run_sessions
+from ninedtact_train.batched.force_by_physics import BatchedPhysics
 from ninedtact_train.batched.session_requests import (
     Device,
     RenderRequest,
@@ -50,9 +54,10 @@ from ninedtact_train.dataset.generation.press_session import SimulatedPressSessi
 from ninedtact_train.dataset.generation.settings import GenerationSettings
 
 ENVIRONMENTS, PITCHES_MM = (64, 256, 1024, 4096, 16384), (0.2, 0.3, 0.4)
-SIZES = {"120x160": (160, 120), "172x230": (230, 172), "345x460": (460, 345)}
+SIZES = {"60x80": (80, 60), "120x160": (160, 120), "172x230": (230, 172), "345x460": (460, 345)}
 """Sizes of images as (cols, rows)."""
-REQUIRED = {(4096, 0.4, "120x160"): 10_000.0, (4096, 0.2, "345x460"): 5_000.0}
+REQUIRED_OF, ESTIMATES_REQUIRED = 4096, 2_000.0
+REQUIRED = {(REQUIRED_OF, 0.4, "120x160"): 10_000.0, (REQUIRED_OF, 0.2, "345x460"): 5_000.0}
 SESSIONS_REQUIRED = 500.0
 H100_BYTES_PER_S = 3.35e12
 """Memory bandwidth of an H100 SXM (NVIDIA's data sheet)."""
@@ -88,6 +93,7 @@ def gpu_throughput(
     figures = [Figure("device", f"{name}; torch {torch.__version__}")]
     parts = {
         "accuracy": accuracy(chosen, pitches_mm, 2 if quick else 16, 4 if quick else ROUND),
+        "drift": drift(chosen, pitches_mm[-1], 2 if quick else COUNTED, 3 if quick else 18),
         **{f"counts, {pitch:g} mm": counts(chosen, pitch, sizes[-1]) for pitch in pitches_mm},
         "sessions of a data set": sessions_rate(chosen, sessions, quick),
         **{
@@ -180,17 +186,22 @@ def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seco
                 yield at_least(each, per_s, required, "per s")
             else:
                 yield Figure(each, per_s, peer=took)
-        images, reader = batch.images(press), depth_reader(batch)
-        reader(images)
-        reading_s, _ = timed(motion, lambda: reader(images), seconds / 3)
-        total_s = step_s + image_s + reading_s
-        each, took = f"{name}, with image {size} and its heights per s", f"heights {1e3 * reading_s:.3g} ms"
-        yield Figure(each, many / total_s, peer=took)
+        images, physics = batch.images(press), batched_physics(batch)
+        for what, call in (("heights", physics.reader), ("heights and force", physics)):
+            call(images)
+            reading_s, _ = timed(motion, lambda call=call: call(images), seconds / 3)
+            each, per_s = f"{name}, with image {size}, estimated {what} per s", many / (step_s + image_s + reading_s)
+            required = ESTIMATES_REQUIRED if what != "heights" and many >= REQUIRED_OF else None
+            took = f"{what} {1e3 * reading_s:.3g} ms"
+            if required and device.kind == "cuda":
+                yield at_least(each, per_s, required, "per s")
+            else:
+                yield Figure(each, per_s, peer=took)
         if device.kind == "cuda":
             yield Figure(f"{name}: memory, GB", torch.cuda.max_memory_allocated() / 1e9)
             torch.cuda.reset_peak_memory_stats()
-    except RuntimeError as error:
-        if not is_out_of_memory(error):
+    except (RuntimeError, DeviceError) as error:
+        if isinstance(error, RuntimeError) and not is_out_of_memory(error):
             raise
         yield Figure(name, "out of memory")
 
@@ -208,13 +219,16 @@ class DeviceWork(TorchDispatchMode):
         "detach",
     }
 
+    WAITING: ClassVar = {"_local_scalar_dense", "nonzero"}
+    """Those whose result the processor needs before it goes on."""
+
     def __init__(self) -> None:
         super().__init__()
         self.kernels = self.bytes = self.scalars_read = 0
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         found, name = func(*args, **(kwargs or {})), func.overloadpacket.__name__
-        self.scalars_read += name == "_local_scalar_dense"
+        self.scalars_read += name in self.WAITING
         if not func.is_view and name not in self.WITHOUT_KERNEL:
             self.kernels += 1
             tensors = (one for one in tree_leaves((args, kwargs, found)) if isinstance(one, torch.Tensor))
@@ -230,7 +244,7 @@ class HostReads(TorchFunctionMode):
         self.count = 0
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        self.count += getattr(func, "__name__", "") in ("__array__", "numpy", "tolist")
+        self.count += getattr(func, "__name__", "") in ("__array__", "numpy", "tolist", "cpu")
         return func(*args, **(kwargs or {}))
 
 
@@ -239,12 +253,13 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
     motion, steps = Motion(device, COUNTED, pitch_mm, size), 4
     motion.batch.images(motion.next())
     press = motion.next()
-    images, reader = motion.batch.images(press), depth_reader(motion.batch)
-    reader(images)
+    images, physics = motion.batch.images(press), batched_physics(motion.batch, gpu_schedule=True)
+    physics(images)
     calls = {
         "contact and wrench": motion.next,
         f"image {size}": lambda: motion.batch.images(press),
-        "heights of an image": lambda: reader(images),
+        "heights of an image": lambda: physics.reader(images),
+        "heights and force of an image": lambda: physics(images),
     }
     for what, call in calls.items():
         with HostReads() as reads, DeviceWork() as work:
@@ -259,14 +274,13 @@ def counts(device: Device, pitch_mm: float, size: str) -> Iterator[Figure]:
         )
 
 
-def depth_reader(batch: TwinBatch) -> BatchedDepthReader:
-    """Return a reader of the batch's images, with all that a calibrated one computes."""
-    grey = batch._reference.cpu().numpy()
-    shape = nominal_shape(grey)
+def batched_physics(batch: TwinBatch, gpu_schedule: bool | None = None) -> BatchedPhysics:
+    """Return the reader of the batch's images, with all that a calibrated one computes, and the estimator by physics."""
+    grey, gel = batch._reference.cpu().numpy(), batch.twin.gel
+    shape = replace(nominal_shape(grey), base_deflection=BaseDeflection(gel))
     reader = shape.depth_reader(Frame(cv2.cvtColor(np.uint8(grey), cv2.COLOR_GRAY2BGR)))
-    return BatchedDepthReader(
-        shape.rectify, replace(reader, base_deflection=BaseDeflection(batch.twin.gel)), batch.device
-    )
+    physics = ScaledForceEstimator(build_traction_force(shape, gel), MODULUS_KNOWN)
+    return BatchedPhysics(BatchedDepthReader(shape.rectify, reader, batch.device), physics, gpu_schedule)
 
 
 def timed(motion: Motion, call: Any, seconds: float) -> tuple[float, Any]:
@@ -325,6 +339,20 @@ def accuracy(device: Device, pitches_mm: Sequence[float], many: int, steps: int)
             yield at_most(f"{name}, largest", largest, WRENCH_SHARE if "force" in name else IMAGE_GREY, "")
         else:
             yield Figure(f"{name}, largest", largest, peer=said)
+
+
+def drift(device: Device, pitch_mm: float, many: int, rounds: int) -> Iterator[Figure]:
+    """Yield by how much the last round of the motion, which begins and ends without contact, differs from the second."""
+    motion, second, drifted = Motion(device, many, pitch_mm), [], [0.0]
+    for step in range(rounds * ROUND):
+        six = motion.next().corrected.wrenches().cpu().numpy()
+        if ROUND <= step < 2 * ROUND:
+            second.append(six)
+        elif step >= (rounds - 1) * ROUND:
+            before = second[step % ROUND]
+            drifted.append((np.abs(six - before)[:, :3] / np.maximum(-before[:, 2:3], 0.5)).max())
+    name, steps = f"{pitch_mm:g} mm: drift of the force, share of the load", (rounds - 2) * ROUND
+    yield replace(at_most(name, max(drifted), WRENCH_SHARE, ""), peer=f"over {steps} steps")
 
 
 def sessions_rate(device: Device, many: int, quick: bool) -> Iterator[Figure]:

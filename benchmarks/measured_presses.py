@@ -4,7 +4,8 @@
 by default real_force beside the real images; a unit is named RECIPE_THICKNESSmm_RUN. Three models predict the loads: gel on a
 rigid base with one shear modulus for each recipe, gel on one base for all units, and the same with a modulus for each unit. The
 depth at which a ramp begins is uncertain by some hundredths of a millimetre and is fitted for each ramp. Then each probe is
-predicted from the others of its unit, and shear from normal presses alone.
+predicted from the others of its unit, and shear from normal presses alone. `--base-mm` is the thickness of the base, which is not
+known of these units; the modulus that is found goes with it.
 """
 
 import csv
@@ -37,8 +38,6 @@ LEAST_N = 0.3
 ZERO_STD_MM = {"ball8": 0.3}
 """Standard deviation of the depth at which a ramp begins, by probe; 0.03 mm for the others."""
 FRICTION = 1.0
-BASE_MM = 9.2
-"""Thickness of the layer below the gel, which is not known of these units; the modulus that is found goes with it."""
 CUBE_PITCH_MM = 0.05
 
 
@@ -50,6 +49,8 @@ class Ramp:
     probe: str
     depth_mm: np.ndarray
     force_n: np.ndarray
+    base_mm: float
+    """Thickness of the layer below the gel that is assumed."""
 
     @property
     def recipe(self) -> str:
@@ -60,9 +61,11 @@ class Ramp:
         return float(self.unit.split("_")[1].removesuffix("mm"))
 
 
-def measured_presses(data: Path = REAL.parent / "real_force", quick: bool = False, json: bool = False) -> None:
+def measured_presses(
+    data: Path = REAL.parent / "real_force", base_mm: float = 9.2, quick: bool = False, json: bool = False
+) -> None:
     """Fit the models to all presses and print their errors; a minute. quick: two ramps of one unit."""
-    ramps = read_ramps(data)
+    ramps = read_ramps(data, base_mm)
     if quick:
         ramps = [ramp for ramp in ramps if ramp.unit == ramps[0].unit][:2]
     recipes, units = (list(dict.fromkeys(names)) for names in ([r.recipe for r in ramps], [r.unit for r in ramps]))
@@ -80,11 +83,11 @@ def measured_presses(data: Path = REAL.parent / "real_force", quick: bool = Fals
         figures.append(at_most(f"{probe}, one base: error above 0.3 N, %", 100 * shared.error_of(probe), 5.0))
     figures += predictions_across_probes(ramps, shared)
     if not quick:
-        figures += shear_predictions(data / "shear_ball8.csv", shared)
+        figures += shear_predictions(data / "shear_ball8.csv", shared, base_mm)
     answer("measured presses", figures, json)
 
 
-def read_ramps(data: Path) -> list[Ramp]:
+def read_ramps(data: Path, base_mm: float) -> list[Ramp]:
     """Return all ramps of a folder; ends the program with a sentence where there are none."""
     if not (data / "ladders.csv").is_file():
         sys.exit(f"expected ladders.csv and ball8_ramps.csv in {data}, got no such files; give --data")
@@ -94,7 +97,7 @@ def read_ramps(data: Path) -> list[Ramp]:
             for row in csv.DictReader(table):
                 key = row["unit"], probe or row["probe"], row.get("repeat", "1")
                 rows.setdefault(key, []).append((float(row["depth_mm"]), float(row["force_N"])))
-    return [Ramp(unit, probe, *np.array(points).T) for (unit, probe, _), points in rows.items()]
+    return [Ramp(unit, probe, *np.array(points).T, base_mm) for (unit, probe, _), points in rows.items()]
 
 
 def probe_indenter(probe: str) -> Indenter:
@@ -108,12 +111,12 @@ def probe_indenter(probe: str) -> Indenter:
 
 
 @cache
-def load_table(probe: str, thickness_mm: float) -> RegularGridInterpolator:
+def load_table(probe: str, thickness_mm: float, base_mm: float) -> RegularGridInterpolator:
     """Return load over shear modulus, mm², by modulus of the gel over that of the base and by depth."""
     indenter, depths = probe_indenter(probe), DEPTHS_MM[0.8 * thickness_mm > DEPTHS_MM]
     loads = []
     for ratio in GEL_OVER_BASE:
-        gel = Gel(thickness_mm, 1.0, base_thickness_mm=BASE_MM, gel_to_base_modulus_ratio=float(ratio))
+        gel = Gel(thickness_mm, 1.0, base_thickness_mm=base_mm, gel_to_base_modulus_ratio=float(ratio))
         model = ContactModel(gel_skin(GRID, gel), FRICTION, SolverSettings(tolerance=2e-3, must_converge=False))
         contacts = model.follow(indenter, [Pose(depth_mm=float(depth)) for depth in depths])
         corrected = (correct_for_finite_strain(contact) for contact in contacts)
@@ -150,7 +153,7 @@ def relative_error(pairs: Iterable[tuple[Ramp, np.ndarray]]) -> float:
 
 def predict_n(ramp: Ramp, modulus_mpa: float, base_mpa: float, zero_mm: float) -> np.ndarray:
     """Return the loads of a ramp, N."""
-    table = load_table(ramp.probe, ramp.thickness_mm)
+    table = load_table(ramp.probe, ramp.thickness_mm, ramp.base_mm)
     depth_mm = np.clip(ramp.depth_mm - zero_mm, 0, table.grid[1][-1])
     ratio = np.full_like(depth_mm, np.clip(modulus_mpa / base_mpa, 0, GEL_OVER_BASE[-1]))
     return modulus_mpa * table(np.stack([ratio, depth_mm], axis=-1))
@@ -219,8 +222,11 @@ def best_zero(ramp: Ramp, modulus_mpa: float, base_mpa: float) -> np.ndarray:
     return predict_n(ramp, modulus_mpa, base_mpa, float(least_squares(residual, [0.0]).x[0]))
 
 
-def shear_predictions(file: Path, shared: Fitted) -> list[Figure]:
-    """Return load and lateral force of a ball that is held at a depth and moved, over those that were measured."""
+def shear_predictions(file: Path, shared: Fitted, base_mm: float) -> list[Figure]:
+    """Return load and lateral force of a ball that is held at a depth and moved, over those that were measured.
+
+    Beside them stands the compliance in series with the gel, as that of a probe, with which the lateral force would be right.
+    """
     with file.open() as table:
         rows = [row for row in csv.DictReader(table) if row["segment"].endswith("_out")]
     figures = []
@@ -230,22 +236,29 @@ def shear_predictions(file: Path, shared: Fitted) -> list[Figure]:
         x, y, depth_mm, f_x, f_y, f_z = np.array([[float(row[name]) for name in columns] for row in own]).T
         way = np.hypot(x[-1] - x[0], y[-1] - y[0])
         measured = np.hypot(f_x[-1] - f_x[0], f_y[-1] - f_y[0])
-        ramp = Ramp(own[0]["unit"], "ball8", np.array([np.nanmean(depth_mm)]), -np.array([f_z.mean()]))
+        ramp = Ramp(own[0]["unit"], "ball8", np.array([np.nanmean(depth_mm)]), -np.array([f_z.mean()]), base_mm)
         modulus = shared.modulus_mpa.get(ramp.recipe)
         if modulus is None:
             continue
         load_n = float(predict_n(ramp, modulus, shared.base_mpa, 0.0)[0])
-        drag_n = drag_force_n(ramp.thickness_mm, modulus, shared.base_mpa, float(ramp.force_n[0]), float(way))
+        drag_n = drag_force_n(ramp, modulus, shared.base_mpa, float(way))
         name = f"{ramp.unit} {segment[1]}"
         figures.append(Figure(f"{name}: load at its depth over measured, %", 100 * load_n / float(ramp.force_n[0])))
         title = f"{name}: force of a drag by {way:.2f} mm over measured, %"
         figures.append(holds(title, 100 * drag_n / measured, "88 to 112", 0.88 <= drag_n / measured <= 1.12))
+        figures.append(
+            Figure(f"{name}: lateral over normal force that was measured", float(measured / ramp.force_n[0]))
+        )
+        figures.append(
+            Figure(f"{name}: compliance that is missing in series, mm/N", float(way / measured - way / drag_n))
+        )
     return figures
 
 
-def drag_force_n(thickness_mm: float, modulus_mpa: float, base_mpa: float, load_n: float, way_mm: float) -> float:
-    """Return the lateral force on a ball of 8 mm diameter that is pressed with a load and then moved."""
-    gel = Gel(thickness_mm, modulus_mpa, base_thickness_mm=BASE_MM, gel_to_base_modulus_ratio=modulus_mpa / base_mpa)
+def drag_force_n(ramp: Ramp, modulus_mpa: float, base_mpa: float, way_mm: float) -> float:
+    """Return the lateral force on a ball of 8 mm diameter that is pressed with the load of a ramp and then moved."""
+    ratio, load_n = modulus_mpa / base_mpa, float(ramp.force_n[0])
+    gel = Gel(ramp.thickness_mm, modulus_mpa, base_thickness_mm=ramp.base_mm, gel_to_base_modulus_ratio=ratio)
     model = ContactModel(gel_skin(GRID, gel), FRICTION, SolverSettings(tolerance=2e-3, must_converge=False))
     contact = model.step_to_load(model.initial_contact(), Ball(4.0), Pose(depth_mm=0.2), load_n)
     for share in (0.25, 0.5, 0.75, 1.0):

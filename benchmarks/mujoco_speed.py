@@ -60,7 +60,7 @@ def run(model: Any, sensor: TactileSensor, steps: int) -> tuple[list[float], lis
         began = thread_time()
         mujoco.mj_step(model, sensor.data, 8)
         reading = sensor.step()
-        assert reading.heights.z_mm.shape == (90, 120)
+        assert reading.heights.z_mm.shape == (90, 120) and reading.frame.image.shape == (480, 640, 3)
         if reading.contact is not None and step > 20:
             times.append(thread_time() - began)
             error = reading.wrench.force_n - reading.scene_wrench.force_n

@@ -127,6 +127,15 @@ def test_three_turns_of_a_screw_are_counted(screw: str, real_data: Path, physica
     assert number(r"([\d.]+) turns", said) == pytest.approx(3, abs=0.009)
 
 
+@pytest.mark.interop
+def test_a_policy_learns_to_insert_a_peg(real_data: Path) -> None:
+    """That it starts and ends; docs/simulators.md says what 100,000 steps teach."""
+    pytest.importorskip("stable_baselines3", reason="the extra 'reinforcement' is not installed")
+    options = ("--steps", "128", "--envs", "2", "--episodes", "1", "--pitch-mm", "0.7")
+    touch, blind = run("11_learn_peg_insertion.py", real_data, *options).splitlines()
+    assert number(r"with touch: (\d+) environment steps", touch) == 128 and number(r", (\d+) per s", blind) > 10
+
+
 def test_the_tour_runs_with_the_public_names_and_its_page_is_what_it_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -111,7 +111,13 @@ def test_the_ball_of_the_calibration_itself_can_be_weighed(
     sensor = shutil.copytree(desk / "sensor", tmp_path / "sensor")
     assumed_n = load_on_calibration_ball_n(load_sensor(sensor))
     grams = 1.15 * assumed_n / STANDARD_GRAVITY * 1e3
+    assert "Not calibrated with known loads" in (sensor / "certificate.html").read_text()
     told = asked(capsys, "adapt", "--sensor", sensor, "--ball-grams", f"{grams:.0f}")
+    certificate = (sensor / "certificate.html").read_text()
+    assert (
+        f"Calibrated with one known load: all forces like these share an error of ± {told['error']:.0%}." in certificate
+    )
+    assert certificate.count('<section id="force">') == 1 and "Not calibrated with known loads" not in certificate
     assert told["unadapted"] == pytest.approx(np.log(1.15), abs=0.01) and told["left_out"] is None
     found_n = load_on_calibration_ball_n(load_sensor(sensor))
     assert found_n == pytest.approx(1.15 * assumed_n, rel=0.03)

@@ -79,7 +79,7 @@ def track(source: Path, *options: str) -> list[dict[str, str]]:
 
 def require_truth(rows: list[dict[str, str]], drag: Drag, least_gross: float = 0.85) -> None:
     """Require the order of states, and the displacement, of the whole drag."""
-    assert all(row["slip"] == "" and row["touching"] == "False" for row in rows[:FREE])
+    assert all(row["slip"] == "static" and row["touching"] == "False" for row in rows[:FREE])
     held = rows[FREE + DOWN : FREE + DOWN + HELD]
     assert {row["slip"] for row in held} == {"static"}
     slides = np.flatnonzero(drag.slipping == 1.0)
@@ -123,13 +123,35 @@ def test_a_sequence_that_begins_pressed_takes_its_last_images_as_the_reference_a
     rows = track(save(backwards, tmp_path / "images"))
     assert "the first images show a contact" in capsys.readouterr().err
     assert all(row["touching"] == "True" for row in rows[: HELD + DRAGGED])
-    assert not any(row["slip"] for row in rows[HELD + DRAGGED :])
+    assert {row["slip"] for row in rows[HELD + DRAGGED :]} == {"static"}
+
+
+def test_displacement_is_uncertain_from_where_the_contact_leaves_the_view(drag: Drag, tmp_path: Path) -> None:
+    rows = track(
+        save([image[:, :46] for image in drag.images], tmp_path / "images"), "--mm-per-px", f"{VIEW_MM / COLS}"
+    )
+    assert float(rows[FREE + DOWN]["x_mm_std"]) < 0.3 and float(rows[-1]["x_mm_std"]) > 1
+
+
+def test_an_object_that_jumps_is_followed_anew(drag: Drag, tmp_path: Path) -> None:
+    after = [np.ascontiguousarray(image[:, ::-1]) for image in drag.images[-6:]]
+    rows = track(
+        save(drag.images + after, tmp_path / "images"), "--rate-hz", f"{HZ:g}", "--mm-per-px", f"{VIEW_MM / COLS}"
+    )
+    before, jumped, anew = rows[-7], rows[-6], rows[-5]
+    assert float(before["x_mm"]) > 2 and before["slip"] == "gross"
+    assert (
+        jumped["state"] == "lost"
+        and jumped["reason"].startswith("the contact ")
+        and not jumped["slip"] + jumped["x_mm"]
+    )
+    assert anew["state"] == "tracked" and float(anew["x_mm"]) == 0 and anew["slip"] == "static"
 
 
 def test_a_jump_of_light_is_a_reason_and_no_path_and_no_contact_is_no_slip(drag: Drag, tmp_path: Path) -> None:
     dark = [np.asarray(image * 0.3, np.uint8) for image in drag.images[:5]]
     rows = track(save(drag.images[:FREE] + dark, tmp_path / "images"))
-    assert all(row["state"] == "no contact" and not row["slip"] + row["x_mm"] for row in rows[:FREE])
+    assert all(row["state"] == "no contact" and row["slip"] == "static" and not row["x_mm"] for row in rows[:FREE])
     assert all(row["state"] == "lost" and row["reason"] and not row["slip"] for row in rows[FREE:])
 
 

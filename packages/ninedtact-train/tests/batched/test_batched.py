@@ -1,6 +1,7 @@
 """Many sessions at once, on torch: the pairs of the processor, in any batch, and in smaller ones when memory runs out."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from ninedtact.mechanics import skin
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
+from ninedtact.parallel_jobs import DaskCluster
 from ninedtact.recording.reader import read_folder_files
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.press import Press
@@ -105,6 +107,16 @@ def test_what_is_missing_is_made_again_with_the_same_bytes(tmp_path: Path, toget
     assert again.new_files == 1
     assert read_folder_files(together.folder) == before
     assert other.stat().st_mtime_ns == age
+
+
+def test_workers_with_a_card_each_make_the_bytes_of_one(tmp_path: Path) -> None:
+    settings = replace(SMALL, pairs=6, session_pairs=1, sessions_per_file=2)
+    with ThreadPoolExecutor(2) as pool:
+        for name, workers in (("one", 1), ("many", DaskCluster("two cards", 2, pool.submit))):
+            generate_dataset(tmp_path / name, settings, workers, device="torch-cpu", sessions_per_batch=2)
+    assert read_folder_files(tmp_path / "many") == read_folder_files(tmp_path / "one")
+    with pytest.raises(InputError, match="expected --device cpu or cuda together with --cluster, got cuda:1; let each"):
+        generate_dataset(tmp_path / "other", settings, DaskCluster("", 1, print), device="cuda:1")
 
 
 class FullMemory:

@@ -10,9 +10,10 @@ import pytest
 from built_sets import listed
 from little_sources import grey, touched, untouched
 
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact_train.dataset.checks import check_dataset, local_darkening_levels
 from ninedtact_train.dataset.fault_report import PairFault, read_quality_report, write_quality_report
-from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
+from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage
 
 SKIN = untouched()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.errors import InputError
 from ninedtact.simulation.twin import default_twin
 
@@ -45,6 +46,34 @@ def test_each_environment_is_that_environment_alone(like: Any) -> None:
         assert abs(seen["image"].astype(int) - np.stack([one[0]["image"] for one in steps])).mean() < 0.5
     assert not (ended | cut).any()
     assert torch.from_dlpack(seen["image"]).data_ptr() == seen["image"].ctypes.data
+
+
+def test_the_sensor_estimates_all_images_at_once(physical_sensor: SensorFolder) -> None:
+    options: dict[str, Any] = {"sensor_folder": physical_sensor.path, "force": "physics", "pitch_mm": 0.5}
+    envs = gymnasium.make_vec("ninedtact/EdgeFollowing-v0", 2, like=torch.zeros(()), **options).unwrapped
+    alone = [EdgeFollowingEnvironment(**options) for _ in range(2)]
+    seen, _ = envs.reset(seed=3)
+    each = [one.reset(seed=3 + number)[0] for number, one in enumerate(alone)]
+    for _ in range(2):
+        np.testing.assert_allclose(seen["wrench"], [one["wrench"] for one in each], atol=0.02)
+        np.testing.assert_allclose(seen["heights"], [one["heights"] for one in each], atol=0.01)
+        true_n = [one.batch.sensors[number].last.wrench.force_n[2] for number, one in ((0, envs), (1, envs))]
+        assert (np.abs(seen["wrench"][:, 2] - true_n) > 1e-4).all()
+        seen, *_ = envs.step(np.full((2, 3), 0.3))
+        each = [one.step(np.full(3, 0.3))[0] for one in alone]
+    with pytest.raises(
+        InputError, match="the name of an estimator and the folder of a calibrated sensor, got force='phys"
+    ):
+        edge(2, force="physics", like=torch.zeros(()))
+
+
+def test_what_is_not_observed_is_not_computed() -> None:
+    envs = edge(2, observations=("wrench",))
+    seen, _ = envs.reset(seed=0)
+    assert set(seen) == {"wrench"} and envs.observation_space.contains(seen)
+    assert all("frame" not in vars(one.last) for one in envs.batch.sensors)
+    with pytest.raises(InputError, match=r"observations out of .*, got \('force',\)"):
+        edge(2, observations=("force",))
 
 
 def test_an_environment_that_is_refused_ends_alone_and_begins_again_by_the_next_step() -> None:

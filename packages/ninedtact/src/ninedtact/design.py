@@ -79,7 +79,12 @@ class Gel:
             raise DesignImpossible(
                 expected="gel.finite_strain from 0 to 1", got=f"{self.finite_strain}", remedy="correct the design"
             )
-        require_positive("gel.base_thickness_mm", self.base_thickness_mm)
+        if not self.base_thickness_mm > 0:
+            raise DesignImpossible(
+                expected="gel.base_thickness_mm above zero",
+                got=f"{self.base_thickness_mm}",
+                remedy="correct the design, or set gel.gel_to_base_modulus_ratio to 0 for a gel without a layer below it",
+            )
         shares, times_s = self.relaxing_shares, self.relaxation_times_s
         if len(shares) != len(times_s) or sum(shares) >= 1 or any(time_s <= 0 for time_s in times_s):
             raise DesignImpossible(

@@ -52,7 +52,7 @@ class CellNoise:
 
 
 _ENOUGH_IMAGES = 30
-_CELL_MM = 0.53
+CELL_MM = 0.53
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Reading:
     def brightness_on_cells(self) -> Float32[Array, "cell_rows cell_cols"]:
         """The brightness relative to the reference image, on square cells of about half a millimetre, for the contact detection."""
         shape = self.rectified.grey.shape
-        rows, cols = (max(round(side * self.rectified.mm_per_px / _CELL_MM), 1) for side in shape)
+        rows, cols = (max(round(side * self.rectified.mm_per_px / CELL_MM), 1) for side in shape)
         image, reference = (
             cv2.resize(one.grey, (cols, rows), interpolation=cv2.INTER_AREA) for one in (self.rectified, self.reference)
         )

@@ -23,9 +23,8 @@ _STEADY_FACTOR, _STEADY_CHANGE = 4.0, 0.004
 """Change from the images before, over that of the first images and relative to the brightness, up to which nothing has happened."""
 _TOUCHED_CHANGE = 0.02
 """Relative change of a cell that only a contact makes."""
-_PRESSED_SKEWNESS = 3.0
-"""Skewness of the change from which the earlier of two images is the pressed one: its dent is a bright spot in the change. Bulges
-around wide objects gave up to 2.3 on simulated sensors, small dents −4."""
+_DETAIL_CELLS = 2.0
+"""Standard deviation in cells of the smoothing that light without contact survives, and the edges of a contact do not."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +72,9 @@ def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> Re
     """Return the images at the beginning of a sequence until something changes, or those at its end where the beginning shows a
     contact."""
     beginning, ending = _steady(first), _steady(last[::-1])
-    change = _relative_change(_cells_of(ending), _cells_of(beginning))
-    centred = change - change.mean()
-    skewness = float((centred**3).mean()) / max(float((centred**2).mean()) ** 1.5, 1e-12)
-    if change.max() < _TOUCHED_CHANGE or skewness < _PRESSED_SKEWNESS:
+    first_cells, last_cells = _cells_of(beginning), _cells_of(ending)
+    is_alike = float(_relative_change(last_cells, first_cells).max()) < _TOUCHED_CHANGE
+    if is_alike or _detail(first_cells) <= _detail(last_cells):
         return ReferenceFrames(beginning)
     numbers = f"{ending[-1].index}:{ending[0].index + 1}"
     notice = f"the first images show a contact that the last ones do not: images {numbers} are the reference"
@@ -102,6 +100,14 @@ def _cells_of(frames: Sequence[Frame]) -> Float32[Array, "cell_rows cell_cols"]:
     return np.asarray(
         cv2.GaussianBlur(cv2.resize(mean_grey(frames), _CELLS, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
     )
+
+
+def _detail(cells: Float32[Array, "cell_rows cell_cols"]) -> float:
+    """Return the variance of brightness, on a logarithmic scale, that is finer than light without contact: more under a contact."""
+    is_lit = cells > MIN_LIT_GREY_LEVEL
+    level = np.log(np.maximum(cells, 1.0))
+    level = np.where(is_lit, level, level[is_lit].mean() if is_lit.any() else 0.0)
+    return float(np.var(level - cv2.GaussianBlur(level, (0, 0), _DETAIL_CELLS)))
 
 
 def mean_grey(frames: Sequence[Frame]) -> Float32[Array, "rows cols"]:

@@ -5,13 +5,13 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-_STD_PER_MEDIAN = 1.4826
+STD_PER_MEDIAN = 1.4826
 """Standard deviation of Gaussian noise over the median of its magnitude."""
 
 
 def robust_std(deviations: Float[Array, "..."], axis: int | None = None) -> Float[Array, "..."]:
     """Return the standard deviation of deviations from zero, along an axis or of all."""
-    return np.asarray(_STD_PER_MEDIAN * np.median(np.abs(deviations), axis=axis))
+    return np.asarray(STD_PER_MEDIAN * np.median(np.abs(deviations), axis=axis))
 
 
 def noise_by_second_differences(values: Float[Array, "..."], axis: int) -> float:

@@ -266,3 +266,13 @@ def test_a_mode_that_cuts_the_board_is_named(real_images: dict[str, CalibrationI
     )
     with pytest.raises(BoardNotFound, match="pins lie beyond the border of the image: this mode of the camera cuts"):
         fit_board(*pair, BOARD)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(7, 8), (6, 9), (6, 8), (8, 7)])
+def test_a_design_with_fewer_pins_than_the_board_is_refused(
+    rows: int, cols: int, real_images: dict[str, CalibrationImages]
+) -> None:
+    """It would leave open which pin is in the middle of the skin."""
+    for letter in "aij":
+        with pytest.raises(CalibrationError, match=r"another row or column of pins .* --design\.pin-board\.cols"):
+            fit_board(*real_images[letter].board_pair, replace(BOARD, rows=rows, cols=cols))

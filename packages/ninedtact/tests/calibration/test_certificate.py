@@ -43,7 +43,7 @@ HOSTILE = "<script>alert('id')<b> & \"co\""
 GOOD = Certificate(
     BoardQuality(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "model", 0),
     BallQuality("ratio", 60.0, 3.1, 4.0, 1.5, 0.012, 0.014, 1.48, 0.002, 50.0, 0.02, 0.0),
-    SecondBallQuality(2.5, 0.8, 0.03, 0.5, 0.04, 0.09, 2.52, 0.06),
+    SecondBallQuality(2.5, 0.8, 0.03, 0.5, 0.04, 1.78, 0.09, 2.52, 0.06),
     LengthPlausibility(2.5, 0.02, 2.4, 4.0, 0.03, 4.1),
 )
 WORSE_WHEN_LARGER = {

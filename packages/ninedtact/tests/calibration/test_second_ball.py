@@ -113,13 +113,15 @@ def test_a_second_ball_tells_the_depth_and_is_kept(
     second = sensor.record.certificate.second_ball
     assert second is not None and second.ball_radius_mm == 2.5
     assert second.max_indentation_mm == pytest.approx(1.0, rel=0.03)
+    by_image = before.fit.parameters["depth_mm"]
+    assert (second.first_alone_mm, second.first_std_alone_mm) == pytest.approx((by_image.value, by_image.std), rel=0.1)
     assert second.first_std_mm < second.first_std_alone_mm
     assert abs(second.likely_radius_mm - 2.5) < 2 * second.likely_radius_std_mm < 0.4
     ball = sensor.record.certificate.ball
     assert ball.max_indentation_mm == pytest.approx(1.8, rel=0.03)
     now = sensor.record.twin
-    depth_before, depth = (one.fit.parameters["depth_mm"] for one in (before, now))
-    assert depth.std < depth_before.std and abs(depth.value - 1.8) < 2.5 * depth.std
+    depth = now.fit.parameters["depth_mm"]
+    assert depth.std < by_image.std and abs(depth.value - 1.8) < 2.5 * depth.std
     assert {*SECOND_BALL_NAMES} <= sensor.record.images.keys()
     assert "second ball, depth" in (sensor.path / "certificate.html").read_text()
 
@@ -130,8 +132,8 @@ def test_a_second_ball_of_another_radius_than_stated_is_noticed(with_second_ball
     second = [sensor.stored_image(name).image for name in SECOND_BALL_NAMES]
     further = find_second_press(sensor.rectification, (second[0], second[1]), larger, "physics")
     ball = fit_ball(sensor.rectification, pair[0], pair[1], larger, further=further)
-    found = make_second_ball_quality(ball.twin_fit)
-    assert found is not None and abs(found.likely_radius_mm - 2.5) < 0.2
+    found = make_second_ball_quality(ball.twin_fit, ball.twin_fit)
+    assert abs(found.likely_radius_mm - 2.5) < 0.2
     (check,) = compute_certificate_checks(Certificate(second_ball=found))
     assert check.level == "warn" and "2.9 mm" in check.text and "calliper" in check.text
 
@@ -171,3 +173,5 @@ def test_a_person_is_guided_through_the_second_ball_too() -> None:
 def test_a_base_that_no_sensor_has_is_refused(ratio: float, said: str) -> None:
     with pytest.raises(DesignImpossible, match=said):
         SensorDesign(gel=Gel(gel_to_base_modulus_ratio=ratio))
+    with pytest.raises(DesignImpossible, match="modulus_ratio to 0 for a gel without a layer"):
+        Gel(base_thickness_mm=0.0)

@@ -134,7 +134,7 @@ def test_a_contact_takes_in_what_is_deep_and_what_is_joined_to_it(
     joined = region_of((BLOCK, deepest_mm), (ASIDE, 1.1 * shallow_mm), (FAR, 1.1 * deep_mm))
     assert joined is not None and joined[ASIDE].all() and joined[FAR].all()
     assert joined[:, 16:].sum() == 6 + 10  # with its rim
-    sunk = region_of((BLOCK, deepest_mm), (FAR, 1.1 * deep_mm), far_change=-0.02)  # with the base below
+    sunk = region_of((BLOCK, deepest_mm), (FAR, 1.1 * deep_mm), far_change=-0.002)  # with the base below
     np.testing.assert_array_equal(sunk, expected)
 
 

@@ -157,7 +157,8 @@ def test_the_answer_does_not_depend_on_the_first_guess(seed):
             skin.operators.first_step_lengths(none)[0],
         )
         first = PressureSolution(start, indentation, none, none, none, none, step_length)
-        answers.append(solve_pressure(skin.operators, ContactConstraint(), overlap, first, tolerance, 300).pressure_mpa)
+        solved = solve_pressure(skin.operators, ContactConstraint(), overlap, first, lambda deeper: tolerance, 300)
+        answers.append(solved.pressure_mpa)
     np.testing.assert_allclose(*answers, atol=1e-6)
 
 
@@ -170,6 +171,14 @@ def test_pressing_to_a_load_finds_the_depth_that_has_it(friction, guess):
     assert loaded.pose.depth_mm == pytest.approx(1.1, abs=1e-5)
     assert measured(loaded).load_n == pytest.approx(measured(held).load_n, rel=1e-12)
     np.testing.assert_allclose(loaded.pressure_mpa, held.pressure_mpa, atol=2e-5)
+
+
+def test_a_wrong_guess_of_the_depth_does_not_loosen_what_counts_as_solved():
+    coarse = model(settings=SolverSettings(tolerance=1e-2))
+    held = coarse.step_to_load(coarse.initial_contact(), BALL, Pose(depth_mm=0.5), 4.0)
+    finer = replace(coarse, settings=SolverSettings(tolerance=0.95 * held.residual_mm / held.pose.depth_mm))
+    found = finer.step_to_load(held, BALL, replace(held.pose, depth_mm=1.2 * held.pose.depth_mm), 4.0)
+    assert 0 < found.residual_mm <= finer.settings.tolerance_mm(found.pose.depth_mm)
 
 
 def test_a_load_can_be_dragged_and_lifted_like_a_depth():

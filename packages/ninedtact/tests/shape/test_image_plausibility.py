@@ -17,6 +17,7 @@ from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.image_plausibility import ImageImplausible, find_image_warnings, require_plausible_image
 from ninedtact.shape.lens_and_rectification import to_grey_float
+from ninedtact.shape.sharpness import lacks_detail_of
 from ninedtact.shape.skin_identity import shows_another_skin
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
@@ -105,6 +106,42 @@ def test_real_presses_are_plausible_and_exchanged_ones_are_not(
     for letter in "ij":
         with pytest.raises(InputError, match="another sensor's gel"):
             check.require_faultless([Frame(real_images[letter].ball_reference)])
+
+
+@pytest.mark.parametrize("letter", "ai")
+def test_a_press_that_is_out_of_focus_is_refused_wherever_it_has_moved(
+    letter: str, real_images: dict[str, CalibrationImages]
+) -> None:
+    """Noise, light, compression and motion take the detail of no sharp press away."""
+    images, rng = real_images[letter], np.random.default_rng(0)
+    known = (images.board_reference, images.ball_reference)
+    jpeg = cv2.imdecode(cv2.imencode(".jpg", images.ball, [cv2.IMWRITE_JPEG_QUALITY, 70])[1], cv2.IMREAD_COLOR)
+    noisy = np.clip(images.ball + rng.normal(0, 2, images.ball.shape), 0, 255).astype(np.uint8)
+    for sharp in (
+        images.ball,
+        jpeg,
+        noisy,
+        np.roll(images.ball, (2, -3), (0, 1)),
+        in_other_light(images.ball, 0.9, 1.1),
+    ):
+        assert not lacks_detail_of(known, images.ball_reference, sharp)
+    soft = cv2.GaussianBlur(images.ball, (0, 0), 3)
+    grainy = np.clip(cv2.GaussianBlur(images.ball, (0, 0), 5) + rng.normal(0, 0.6, soft.shape), 0, 255).astype(np.uint8)
+    for blurred in (soft, grainy, cv2.blur(images.ball, (9, 9)), cv2.blur(images.ball, (17, 1))):
+        assert lacks_detail_of(known, images.ball_reference, blurred)
+        assert not lacks_detail_of(known, soft, blurred)  # nothing tells what a sharp image would show
+
+
+def test_a_blurred_press_beside_a_sharp_reference_is_named(
+    sensor_a: SensorFolder, real_images: dict[str, CalibrationImages]
+) -> None:
+    images, check = real_images["a"], load_reference_image_checker(sensor_a)
+    for press, reference in ((images.ball, images.ball_reference), (images.board, images.board_reference)):
+        check.require_in_focus("press.png", press, [Frame(reference)])
+        with pytest.raises(
+            ImageImplausible, match=r"press\.png: .* out of focus .*; switch the camera's autofocus off"
+        ):
+            check.require_in_focus("press.png", cv2.GaussianBlur(press, (0, 0), 6), [Frame(reference)])
 
 
 def in_other_light(image: Image, gain: float, gamma: float) -> Image:

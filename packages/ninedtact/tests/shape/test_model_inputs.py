@@ -26,12 +26,17 @@ def test_sparsh_takes_the_present_image_and_then_the_earlier_one_as_differences_
     assert found[0, 0, -1] == np.float32(127 / 255), "turned clockwise, the upper left corner is the upper right one"
 
 
-def test_htt_takes_the_image_before_first_over_the_deviations_of_its_pretraining_in_the_middle_of_a_square() -> None:
-    found = prepare_model_input("htt", DARK, REFERENCE, replace(REFERENCE, stamp_ns=167 * MS))
+def test_htt_takes_the_image_before_first_over_the_deviations_of_its_pretraining_stretched_to_a_square() -> None:
+    half = DARK.grey.copy()
+    half[:, 230:] = 100
+    found = prepare_model_input("htt", replace(DARK, grey=half), REFERENCE, replace(REFERENCE, stamp_ns=167 * MS))
     assert found.shape == (2, 3, 224, 224) and found.dtype == np.float32
-    assert not found[0].any() and not found[1, :, :28].any() and not found[1, :, -28:].any()
-    assert found[1, :, 112, 0] == pytest.approx(-0.2 / np.array([0.0111722, 0.0102013, 0.0094375]), rel=1e-4)
-    assert (prepare_model_input("htt", DARK, REFERENCE, None)[0] == found[1]).all()
+    assert not found[0].any() and not found[1, :, :, 112:].any()
+    expected = -0.2 / np.array([0.0111722, 0.0102013, 0.0094375])
+    for row in (0, 223):
+        assert found[1, :, row, 0] == pytest.approx(expected, rel=1e-4) == found[1, :, row, 111]
+    again = prepare_model_input("htt", DARK, REFERENCE, None)
+    assert (again[0] == again[1]).all() and again[1].any()
 
 
 def test_anytouch_takes_one_image_as_imagenet_does() -> None:

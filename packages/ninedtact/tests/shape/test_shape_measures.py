@@ -8,7 +8,7 @@ import pytest
 from skins import DEPTH_MM, RADIUS_MM, ball_print, grid, skin
 
 from ninedtact.shape.coloured_height_map import shape_summary_sentence
-from ninedtact.shape.surface import contact_mask, summarise_shape
+from ninedtact.shape.surface import contact_mask, relief_of_deepest_patch_mm, summarise_shape
 
 
 @pytest.mark.parametrize("camera_mm", [np.inf, 20.0])
@@ -20,6 +20,16 @@ def test_the_print_of_a_ball_measures_as_a_spherical_cap(camera_mm):
     assert summary.displaced_volume_mm3 == pytest.approx(np.pi * DEPTH_MM**2 * (RADIUS_MM - DEPTH_MM / 3), rel=1e-3)
     assert summary.contact_centre_mm == pytest.approx((1.5, -1.0), abs=2e-3)
     assert summary.max_bulge_mm == 0
+
+
+@pytest.mark.parametrize("scale_mm", [0.3, 0.5])
+def test_relief_of_a_ball_grows_with_the_square_of_the_scale_and_that_of_ridges_is_what_a_blur_leaves(scale_mm):
+    ball = ball_print(at=(1.5, -1.0))
+    assert relief_of_deepest_patch_mm(ball, scale_mm) == pytest.approx(scale_mm**2 / RADIUS_MM, rel=0.06)
+    (x, _), wave_mm = grid(345, 460), 1.6
+    ridges = skin(0.1 * np.cos(2 * np.pi * x / wave_mm) - 0.5)
+    left = np.exp(-2 * (np.pi * scale_mm / wave_mm) ** 2)
+    assert relief_of_deepest_patch_mm(ridges, scale_mm) == pytest.approx(0.1 * (1 - left), rel=0.12)
 
 
 def test_noise_alone_is_no_contact_and_displaces_nothing():

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from ninedtact.design import Gel
-from ninedtact.errors import InputError
-from ninedtact.mechanics.contact_model import SolverSettings
+from ninedtact.errors import DeviceError, InputError
+from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import NonPositiveLoad
 from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter
 from ninedtact.mechanics.pose import Pose
@@ -129,3 +129,21 @@ def test_bad_input_is_one_sentence(twin: Twin) -> None:
         batch.reset(np.array([2]))
     with pytest.raises(NonPositiveLoad):
         batch.step(torch.zeros(2, 6), torch.tensor([1.0, -1.0]))
+    press = batch.step(torch.zeros(2, 6))
+    with pytest.raises(InputError, match="expected the presses of 3 environments, got those of 2; give what `step`"):
+        TwinBatch(twin, [Ball(4.0)] * 3).images(press)
+
+
+def test_a_full_card_is_said_and_nothing_is_stepped(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill(*_: object) -> None:
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 9 GiB")
+
+    batch, poses = TwinBatch(twin, [Ball(4.0)] * 2), torch.tensor([[0.0, 0.0, 0.5, 0.0, 0.0, 0.0]] * 2)
+    with monkeypatch.context() as patched:
+        patched.setattr(ContactModel, "solve", fill)
+        with pytest.raises(
+            DeviceError, match=r"room for 2 environments in the memory of cpu, got CUDA out of memory; take"
+        ):
+            batch.step(poses)
+    found = batch.step(poses).corrected.wrenches()
+    assert torch.equal(found, TwinBatch(twin, [Ball(4.0)] * 2).step(poses).corrected.wrenches())

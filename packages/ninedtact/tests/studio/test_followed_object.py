@@ -1,15 +1,24 @@
-"""The path on the page: that of a key on a twin is the true one, it is computed only while it is wanted, and begins anew."""
+"""The path on the page: that of a key on a twin is the true one, it is computed only while it is wanted, and begins anew; that of a
+recording is the one that the sensor had."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
+from small_sensor import wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
+from ninedtact.recording.metadata import RecordingMetadata
+from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, Topic
+from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press import Press
 from ninedtact.studio.followed_object import FollowedObject, ObjectFollower
+from ninedtact.studio.reading_view import full_range_colour_scale
+from ninedtact.studio.recording_player import RecordedSensor
 
 
 @pytest.fixture(scope="module")
@@ -53,3 +62,31 @@ def test_nothing_is_followed_while_nobody_looks_and_a_path_begins_when_somebody_
     follower.add(turned_key[5][1])
     found = follower.at(turned_key[5][1].stamp_ns)
     assert found.seen is not None and len(found.seen.places_mm) == 1 and found.true is None
+
+
+def test_a_recording_shows_the_path_that_the_sensor_had(
+    turned_key: list[tuple[Press, Reading]], physical_sensor: SensorFolder, tmp_path: Path
+) -> None:
+    readings, follower = [reading for _, reading in turned_key], ObjectFollower(is_wanted=True)
+    path, topics = tmp_path / "key.mcap", {Topic.IMAGES, Topic.REFERENCE_GREY, Topic.HEIGHTS, *ESTIMATE_TOPICS}
+    with RecordingWriter(path, RecordingMetadata(physical_sensor.id), topics) as recording:
+        for reading in readings:
+            recording.write_reading(reading)
+            follower.add(reading)
+    recorded = RecordedSensor(path, physical_sensor.shape, full_range_colour_scale(physical_sensor.shape))
+    try:
+        wait_until(lambda: recorded.followed_until_ns == readings[-1].stamp_ns)
+        for reading in (readings[-1], readings[2]):
+            recorded.seek(reading.stamp_ns)
+            shown, live = (
+                one.seen
+                for one in (
+                    recorded.moment(reading.stamp_ns, 0.0, "paused", 0.0).followed,
+                    follower.at(reading.stamp_ns),
+                )
+            )
+            assert shown is not None and live is not None
+            np.testing.assert_allclose(shown.places_mm, live.places_mm, atol=0.01)
+            assert shown.turn_rad == pytest.approx(live.turn_rad, abs=np.radians(0.3))
+    finally:
+        recorded.close()

@@ -633,7 +633,7 @@ def test_a_person_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_
         until("recorded, 0.00 of ", "paused", ">1.00<", "shallow: ", "2.00")
         camera.level = 50  # the sensor goes on, and this viewer is shown none of it
         client.use("time (s)", float(stamps_s[-1]))
-        until(">0.48<", "0.96")
+        until(">0.48<", "0.96", ">seen<")
         client.use("time (s)", 0.0)
         until("recorded, 0.00 of ", ">1.00<", "out of range", "2.00")
         for command, number in (("forward", 1), ("forward", 2), ("forward", 3), ("back", 2)):

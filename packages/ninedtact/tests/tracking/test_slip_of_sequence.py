@@ -48,3 +48,21 @@ def test_images_without_contact_and_images_that_say_nothing_are_unknown_and_only
     assert [number for number, one in enumerate(found) if one.state == SlipState.UNKNOWN] == [70, *range(85, IMAGES)]
     assert found[71].state == SlipState.GROSS
     assert [one.state for one in slip_of_sequence([lost])] == [SlipState.UNKNOWN] and slip_of_sequence([]) == []
+
+
+def test_what_slides_later_tells_how_little_a_slippery_ball_stuck_before() -> None:
+    """By Mindlin's law 0.4 of the contact sticks at three quarters of the load at which it slides."""
+    friction, rng = 0.15, np.random.default_rng(0)
+    held = np.concatenate([np.zeros(15), np.linspace(0, 0.6, 10), np.full(25, 0.6)])
+    x = np.concatenate([held, np.zeros(10), np.linspace(0, 2.5, 40)])
+    load = friction * NORMAL * (1 - np.clip(1 - x, 0, 1) ** 1.5)
+    off = 0.02 * rng.standard_normal((len(x), 4))
+    samples = [
+        SlipSample(number / 30, np.array([at, 0.0]) + wrong[:2], np.array([push, 0.0]) + wrong[2:], NORMAL)
+        for number, (at, push, wrong) in enumerate(zip(x, load, off, strict=True))
+    ]
+    samples[50] = SlipSample(50 / 30, np.full(2, np.nan), np.full(2, np.nan), 0.0)
+    unknown, known = (slip_of_sequence(some) for some in (samples[:50], samples))
+    assert {one.state for one in unknown[30:45]} == {SlipState.STATIC}
+    assert {one.state for one in known[30:45]} == {SlipState.INCIPIENT}
+    assert known[-5].state == SlipState.GROSS

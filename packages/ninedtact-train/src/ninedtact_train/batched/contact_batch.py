@@ -268,7 +268,7 @@ class ContactBatch:
     @cached_property
     def _overlap_at_border(self) -> _Flags:
         """Whether each object reaches into the skin at the grid's border."""
-        return positive_at_border(self.problem.overlap_mm)
+        return to_numpy(positive_at_border(self.problem.overlap_mm)) > 0
 
     @cached_property
     def _leaves_region(self) -> _Flags:
@@ -281,7 +281,7 @@ class ContactBatch:
         contacts, twins = self.contacts, [request.setup.twin for request in self.requests]
         through_base = ~(self._deepest_mm < np.array([twin.gel.max_depth_mm for twin in twins]))
         beyond_gel = (reach_mm(contacts) > np.array([twin.gel_mm for twin in twins]) / 2).any(axis=1)
-        at_border = positive_at_border(contacts.pressure_mpa)
+        at_border = to_numpy(positive_at_border(contacts.pressure_mpa)) > 0
         return np.asarray(at_border | through_base | beyond_gel | self.settings.must_converge)
 
 

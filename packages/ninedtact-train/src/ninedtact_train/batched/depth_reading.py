@@ -56,15 +56,29 @@ class BatchedDepthReader:
 
         images: grey, uint8, on the device of the reader.
         """
+        self.require_own(images)
+        return self.heights_mm(self.rectified(images))
+
+    def require_own(self, images: Shaped[torch.Tensor, "..."]) -> None:
+        """Raise `InputError` for images of another kind or place."""
         wanted, device = self.rectify.raw_shape, torch.device(self.device)
-        if images.dtype != torch.uint8 or tuple(images.shape[1:]) != wanted or images.device.type != device.type:
+        if (
+            images.dtype != torch.uint8
+            or images.ndim != 3
+            or tuple(images.shape[1:]) != wanted
+            or images.device.type != device.type
+        ):
             raise InputError(
                 expected=f"grey images (batch, {wanted[0]}, {wanted[1]}) of type uint8 on {device}",
                 got=f"{tuple(images.shape)} of {images.dtype} on {images.device}",
                 remedy="convert them",
             )
-        few_mm = self._look_up_mm(self._restored_brightness(self.rectified(images)))
-        few_mm = _blurred(few_mm, self.reader.smoothing.on_grid(1 / self._coarseness).combined_px)
+
+    def heights_mm(self, grey: Fields) -> Fields:
+        """Return the signed heights in mm of rectified images."""
+        few_mm = self._look_up_mm(self._restored_brightness(grey))
+        if sigma_px := self.reader.smoothing.on_grid(1 / self._coarseness).combined_px:
+            few_mm = blurred(few_mm, sigma_px, round(3 * sigma_px), "replicate")
         if self.reader.base_deflection is not None:
             few_mm = few_mm + self._base_deflection_mm(few_mm)
         heights = _upsampled(few_mm, self._coarseness, self.reader.lens_source.shape)
@@ -79,13 +93,17 @@ class BatchedDepthReader:
 
     def _restored_brightness(self, grey: Fields) -> Few:
         """Return the brightness relative to the reference image on the coarser grid, without lost and scattered light."""
-        ratio = _block_means(grey, self._coarseness) * self._per_coarse_reference
+        ratio = block_means(grey, self._coarseness) * self._per_coarse_reference
+        return self._deblurred(ratio / (1 + self.lost_light(ratio)))
+
+    def lost_light(self, ratio: Few) -> Float32[torch.Tensor, "batch 1 1"]:
+        """Return `GlobalDimmingModel.loss_of` each field."""
         loss = ratio.new_zeros(len(ratio), 1, 1)
         for _ in range(depth.DIMMING_ITERATIONS if self.reader.loss.global_dimming else 0):
             darkening = 1 - ratio / (1 + loss)
             noticed = darkening * (darkening > depth.MIN_DARKENING)
             loss = -self.reader.loss.global_dimming * noticed.mean((1, 2), keepdim=True)
-        return self._deblurred(ratio / (1 + loss))
+        return loss
 
     def _deblurred(self, field: Fields) -> Fields:
         """Return `deconvolve_gaussian_blur` of each field."""
@@ -119,7 +137,7 @@ class BatchedDepthReader:
         rows, cols = thickness_change_mm.shape[1:]
         mm_per_px = self.reader.reference.mm_per_px * self._coarseness
         side = max(round(base.DEFLECTION_PITCH_MM / mm_per_px), 1)
-        few = _block_means(thickness_change_mm, side)
+        few = block_means(thickness_change_mm, side)
         pitch_mm, (few_rows, few_cols) = side * mm_per_px, few.shape[1:]
         grid = padded_grid(few_cols * pitch_mm, few_rows * pitch_mm, pitch_mm, base.DEFLECTION_MARGIN_MM)
         padded = functional.pad(few, (0, grid.cols - few_cols, 0, grid.rows - few_rows))
@@ -233,7 +251,7 @@ def _waves_on_device(grid: PeriodicGrid, gel: Gel, device: str) -> _DeviceWaves:
     return _DeviceWaves(waves.grid.shape, *(torch.as_tensor(getattr(waves, name), device=device) for name in names))
 
 
-def _block_means(fields: Fields, side: int) -> Few:
+def block_means(fields: Fields, side: int) -> Few:
     """Return `deblurring.block_means` of each field."""
     rows, cols = fields.shape[1:]
     padded = functional.pad(fields[:, None], (0, -cols % side, 0, -rows % side), "replicate")
@@ -246,15 +264,18 @@ def _upsampled(fields: Few, fineness: int, shape: tuple[int, ...]) -> Fields:
     return fine[:, 0, : shape[0], : shape[1]]
 
 
-def _blurred(fields: Fields, sigma_px: float) -> Fields:
-    """Return `depth.Smoothing` of each field."""
-    if sigma_px == 0:
-        return fields
-    reach = round(3 * sigma_px)
-    weights = cv2.getGaussianKernel(2 * reach + 1, sigma_px, cv2.CV_32F)
-    kernel = torch.as_tensor(weights, device=fields.device)[None, None]
-    padded = functional.pad(fields[:, None], (reach, reach, reach, reach), "replicate")
+def blurred(fields: Fields, sigma_px: float, reach: int, border: str) -> Fields:
+    """Return the Gaussian blur of each field; border: how it goes on beyond its border, as `torch.nn.functional.pad` names it."""
+    kernel = _gaussian_column(sigma_px, reach, str(fields.device))
+    padded = functional.pad(fields[:, None], (reach, reach, reach, reach), border)
     return functional.conv2d(functional.conv2d(padded, kernel), kernel.mT)[:, 0]
+
+
+@lru_cache(maxsize=16)
+def _gaussian_column(sigma_px: float, reach: int, device: str) -> Float32[torch.Tensor, "1 1 n 1"]:
+    """Return the weights of a Gaussian mean on a device."""
+    weights = cv2.getGaussianKernel(2 * reach + 1, sigma_px, cv2.CV_32F)
+    return torch.as_tensor(weights, device=device)[None, None]
 
 
 def _mirrored(fields: Fields, above: int, below: int, left: int, right: int) -> Padded:

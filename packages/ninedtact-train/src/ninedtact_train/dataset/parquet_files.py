@@ -284,18 +284,11 @@ def _parquet_damage(path: Path, error: Exception) -> FileFormatError:
 
 
 GreyImage = UInt8[Array, "rows cols"]
-_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
-"""PNG compression level. Noise does not compress: a higher level would save 4 % and take three times as long."""
 _MOST_DECODED = 32
 
 
 class StoredImageUnreadable(FileFormatError):
     """Raised for stored bytes that are not an 8-bit image."""
-
-
-def encode_png(image: GreyImage) -> bytes:
-    """Return a grey image as a PNG file."""
-    return bytes(cv2.imencode(".png", image, _FAST_PNG)[1])
 
 
 def decode_stored_image(stored: Any) -> GreyImage:

@@ -5,9 +5,9 @@ batch, and one image is rendered for each. A scene gets the same contact as alon
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Heights, Indenter, PosedHeights
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import Skin
+from ninedtact.quantities import BgrImage
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.renderer import BatchRenderer
 from ninedtact.simulation.twin import Twin
@@ -113,7 +114,7 @@ class TactileSensorBatch:
 
     def _show(self, contacts: dict[int, Contact | NinedtactError | None]) -> dict[int, TactileReading | NinedtactError]:
         solved = {number: one for number, one in contacts.items() if not isinstance(one, NinedtactError)}
-        images = self._images(list(solved), list(solved.values()))
+        images = self._renderers(list(solved), list(solved.values()))
         shown = {
             number: self.sensors[number].show(contact, image)
             for (number, contact), image in zip(solved.items(), images, strict=True)
@@ -180,11 +181,18 @@ class TactileSensorBatch:
     def _twins(self) -> dict[float, Twin]:
         return {}
 
-    def _images(self, scenes: Sequence[int], contacts: Sequence[Contact | None]) -> list[Any]:
-        """Return the camera image of each scene; on the processor with OpenCV, which renders one image in less time."""
+    def _renderers(self, scenes: Sequence[int], contacts: Sequence[Contact | None]) -> list[Callable[[], BgrImage]]:
+        """Return what renders the camera image of each scene when it is asked for: on the processor one by one with OpenCV, which
+        takes less time, on a device all together."""
         renderer, numbers = self.twin.renderer, [self.sensors[scene]._frames + 1 for scene in scenes]
         if isinstance(self.like, np.ndarray):
-            return [renderer(*one) for one in zip(contacts, numbers, strict=True)]
+            return [partial(renderer, *one) for one in zip(contacts, numbers, strict=True)]
+        together = cache(partial(self._images, numbers, contacts))
+        return [lambda index=index: together()[index] for index in range(len(numbers))]  # type: ignore[misc]
+
+    def _images(self, numbers: Sequence[int], contacts: Sequence[Contact | None]) -> list[BgrImage]:
+        """Return the camera images with these numbers, rendered in one batch."""
+        renderer = self.twin.renderer
         touched = [number for number, contact in enumerate(contacts) if contact is not None and contact.touches]
         clean: list[Any] = [renderer.reference] * len(contacts)
         if touched:

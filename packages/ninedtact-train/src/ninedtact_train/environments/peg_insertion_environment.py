@@ -3,12 +3,18 @@
 `gymnasium.make("ninedtact/PegInsertion-v0")` works after this module was imported.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ninedtact.interop.mujoco import TactileReading
-from ninedtact_train.environments.tactile_environment import REFUSED_REWARD, STEP_S, TactileEnvironment
+from ninedtact_train.environments.tactile_environment import (
+    REFUSED_REWARD,
+    STEP_S,
+    Observation,
+    TactileEnvironment,
+    gymnasium,
+)
 from ninedtact_train.environments.vector_environment import register_task
 
 SCENE = """
@@ -66,13 +72,15 @@ _OFFSETS_MM = (1.2, 1.6)
 class PegInsertionEnvironment(TactileEnvironment):
     """Insert a peg into a hole 1.2 to 1.6 mm beside it, with little force (`TactileEnvironment`).
 
-    The sensor is one of two fingers: its x axis is that of the hand, its y axis points down, and z to the thumb. Action: speeds of
+    The sensor is one of two fingers: its x axis is that of the hand, its y axis points down, and z to the thumb. Observed is also
+    `hand_mm`, how far the hand has moved along x and y and downwards. Action: speeds of
     the hand along x and y and downwards, from −1 to 1. Reward of a step: mm by which the tip came nearer to its place in the hole,
     less 0.05; 10 more where it arrives. The episode ends with −10 where the plate resists with more than 1.2 N.
     """
 
     scene = SCENE
     approach = (0.0, 0.0, 0.0)
+    more_spaces: ClassVar = {"hand_mm": gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)}
 
     def arrange_scene(self) -> None:
         """Place the hole."""
@@ -83,6 +91,10 @@ class PegInsertionEnvironment(TactileEnvironment):
         """Move the hand."""
         self.data.ctrl[:3] += action * SPEED_MM_PER_S * STEP_S / 1e3
         self.data.ctrl[3] = GRIP_N
+
+    def more_observations(self) -> Observation:
+        """Return the motion of the hand."""
+        return {"hand_mm": (1e3 * self.data.qpos[:3]).astype(np.float32)}
 
     def judge(self, state: dict[str, Any]) -> tuple[float, bool]:
         """Return the reward of a step, and whether the peg is in or pressed too hard."""

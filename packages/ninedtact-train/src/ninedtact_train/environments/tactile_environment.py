@@ -1,11 +1,14 @@
 """What the Gymnasium environments with touch share: a MuJoCo scene with a sensor, its observations, and the end of an episode."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import cv2
 import numpy as np
+from jaxtyping import Float32, Float64
+from numpy import ndarray as Array
 
 from ninedtact import open_sensor
 from ninedtact.capture.frame_source import FrameSourceWrapper
@@ -13,7 +16,6 @@ from ninedtact.errors import InputError, NinedtactError, SimulationError
 from ninedtact.interop.mujoco import TactileReading, TactileSensor
 from ninedtact.mechanics.pose import InvalidPose
 from ninedtact.quantities import Frame
-from ninedtact.reading import Reading
 from ninedtact.required_libraries import require_libraries
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.twin import Twin, default_twin
@@ -27,9 +29,12 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
 
 Observation = dict[str, Any]
+Estimates = tuple[Float32[Array, "rows cols"], Float64[Array, "6"]]
+"""Heights in mm and wrench that were estimated of an image."""
 
 IMAGE_SHAPE = (60, 80)
 STEP_S = 0.02
+OBSERVATIONS = ("image", "heights", "wrench")
 OF_THE_GEL = "gel"
 """The `force` whose observations are heights and wrench of the twin's own gel."""
 TOUCH_N = 0.3
@@ -42,6 +47,15 @@ REFUSED_REWARD = -10.0
 PRESS_REFUSED = (SimulationError, InvalidPose)
 """What a sensor raises that is pressed through the gel or off its edge."""
 _ARRIVAL_REWARD, _STEP_COST = 10.0, 0.05
+
+
+def needs_calibrated_sensor(force: str, sensor_folder: Any) -> InputError:
+    """Return the error of an estimator without a sensor that is calibrated for it."""
+    return InputError(
+        expected=f"force={OF_THE_GEL!r}, or the name of an estimator and the folder of a calibrated sensor",
+        got=f"force={force!r} and sensor_folder={getattr(sensor_folder, 'name', sensor_folder)!s}",
+        remedy="correct one of them",
+    )
 
 
 class _NewestFrame(FrameSourceWrapper):
@@ -64,9 +78,10 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     """An environment whose scene has a body `sensor`.
 
     Observation, in the sensor frame: `image`, the grey image of the camera, and `heights`, those of the skin in mm, both 60 × 80;
-    `wrench`, N and N·m. Heights and wrench are those of the gel or, where `force` names an estimator as in `ninedtact.open`
-    ("physics"), what the sensor of `sensor_folder` computes from the rendered image. An episode ends where the
-    task says so, after 0.5 s without contact, and with a reward of −10 where the gel is pressed through. It is cut after 4 s.
+    `wrench`, N and N·m; those of them that `observations` names, and what else the task observes. Heights and wrench are those of
+    the gel or, where `force` names an estimator as in `ninedtact.open` ("physics"), what the sensor of `sensor_folder` computes of
+    the rendered image. An episode ends where the task says so, after 0.5 s without contact, and with a reward of −10 where the gel
+    is pressed through. It is cut after 4 s.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(1 / STEP_S)}
@@ -84,27 +99,31 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         sensor_folder: "SensorFolder | Twin | Path | str | None" = None,
         render_mode: str | None = None,
         force: str = OF_THE_GEL,
+        observations: Sequence[str] = OBSERVATIONS,
+        pitch_mm: float = 0.3,
     ) -> None:
+        """Build the scene. pitch_mm: of the grid on which contacts are solved. Raises `InputError`."""
+        if not set(observations) <= set(OBSERVATIONS):
+            raise InputError(
+                expected=f"observations out of {OBSERVATIONS}", got=f"{tuple(observations)}", remedy="correct them"
+            )
         self.model = mujoco.MjModel.from_xml_string(self.scene)
         self.data = mujoco.MjData(self.model)
         self.render_mode, self._steps, self._lost = render_mode, 0, 0
         self._reading: TactileReading | None = None
-        self._estimates: Reading | None = None
+        self._estimates: Estimates | None = None
         if force != OF_THE_GEL and (sensor_folder is None or isinstance(sensor_folder, Twin) or force == "none"):
-            raise InputError(
-                expected=f"force={OF_THE_GEL!r}, or the name of an estimator and the folder of a calibrated sensor",
-                got=f"force={force!r} and sensor_folder={getattr(sensor_folder, 'name', sensor_folder)!s}",
-                remedy="correct one of them",
-            )
+            raise needs_calibrated_sensor(force, sensor_folder)
         self._folder, self._force = sensor_folder or default_twin(), force
-        self.use_sensor(TactileSensor(self.model, self.data, "sensor", self._folder, geom=self.gel_geom))
+        self.use_sensor(TactileSensor(self.model, self.data, "sensor", self._folder, pitch_mm, self.gel_geom))
         self._distance_before_mm = 0.0
         spaces = {
             "image": gymnasium.spaces.Box(0, 255, IMAGE_SHAPE, np.uint8),
             "heights": gymnasium.spaces.Box(-np.inf, np.inf, IMAGE_SHAPE, np.float32),
             "wrench": gymnasium.spaces.Box(-np.inf, np.inf, (6,), np.float32),
         }
-        self.observation_space = gymnasium.spaces.Dict(spaces | self.more_spaces)
+        chosen = {name: spaces[name] for name in observations}
+        self.observation_space = gymnasium.spaces.Dict(chosen | self.more_spaces)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.approach),), np.float32)
 
     def use_sensor(self, sensor: TactileSensor) -> None:
@@ -159,9 +178,11 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         assert self._reading is not None
         return self._observation(self._reading), REFUSED_REWARD, True, False, {"refused": str(refused)}
 
-    def end_step(self, reading: TactileReading) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Return what `step` returns, given what the sensor shows after `begin_step`."""
-        self._keep(reading)
+    def end_step(
+        self, reading: TactileReading, estimates: Estimates | None = None
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Return what `step` returns, given what the sensor shows after `begin_step`, and what was estimated of its image."""
+        self._keep(reading, estimates)
         state = self.state(reading)
         self._lost = self._lost + 1 if state["load_n"] < TOUCH_N / 10 else 0
         reward, reached = self.judge(state)
@@ -218,22 +239,33 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         self.act(action)
         mujoco.mj_step(self.model, self.data, _SUBSTEPS)
 
-    def _keep(self, reading: TactileReading) -> None:
-        """Keep the newest reading, and what a calibrated sensor estimates of its image."""
-        self._reading = reading
+    def observe(self, estimates: Estimates) -> Observation:
+        """Return the newest observation, given what was estimated of its image."""
+        assert self._reading is not None
+        self._keep(self._reading, estimates)
+        return self._observation(self._reading)
+
+    def _keep(self, reading: TactileReading, estimates: Estimates | None = None) -> None:
+        """Keep the newest reading, and what was estimated of its image, by a calibrated sensor if not given."""
+        self._reading, self._estimates = reading, estimates
         if self._calibrated is not None:
-            self._estimates = self._calibrated.read()
+            found = self._calibrated.read()
+            if found.wrench is not None:
+                self._estimates = found.height.z_mm, found.wrench.about_skin_centre().six
 
     def _observation(self, reading: TactileReading) -> Observation:
-        found = self._estimates
-        if found is None or found.wrench is None:
-            wrench, heights = reading.wrench, reading.heights
-        else:
-            wrench, heights = found.wrench.about_skin_centre(), found.height
-        grey, size = cv2.cvtColor(reading.frame.image, cv2.COLOR_BGR2GRAY), IMAGE_SHAPE[::-1]
-        return {
-            "image": cv2.resize(grey, size, interpolation=cv2.INTER_AREA),
-            "heights": cv2.resize(np.nan_to_num(heights.z_mm), size, interpolation=cv2.INTER_AREA),
-            "wrench": wrench.six.astype(np.float32),
-            **self.more_observations(),
-        }
+        each = {"image": self._image, "heights": self._heights, "wrench": self._wrench}
+        chosen = {name: observe(reading) for name, observe in each.items() if name in self.observation_space.spaces}
+        return chosen | self.more_observations()
+
+    def _image(self, reading: TactileReading) -> Any:
+        grey = cv2.cvtColor(reading.frame.image, cv2.COLOR_BGR2GRAY)
+        return cv2.resize(grey, IMAGE_SHAPE[::-1], interpolation=cv2.INTER_AREA)
+
+    def _heights(self, reading: TactileReading) -> Any:
+        z_mm = reading.heights.z_mm if self._estimates is None else self._estimates[0]
+        return cv2.resize(np.nan_to_num(z_mm), IMAGE_SHAPE[::-1], interpolation=cv2.INTER_AREA)
+
+    def _wrench(self, reading: TactileReading) -> Any:
+        six = reading.wrench.six if self._estimates is None else self._estimates[1]
+        return six.astype(np.float32)

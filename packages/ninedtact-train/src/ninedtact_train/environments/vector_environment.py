@@ -10,26 +10,32 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from array_api_compat import is_array_api_obj
 from jaxtyping import Bool
 from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, NinedtactError
+from ninedtact.force.estimator_loading import PHYSICS
 from ninedtact.interop.mujoco import TactileReading
-from ninedtact.mechanics.numpy_or_torch_arrays import to_numpy
+from ninedtact.mechanics.numpy_or_torch_arrays import array_namespace_of, to_numpy
+from ninedtact.quantities import Frame
 from ninedtact.simulation.twin import Twin
 from ninedtact_train.environments.mujoco_batch import TactileSensorBatch
 from ninedtact_train.environments.tactile_environment import (
     OF_THE_GEL,
     PRESS_REFUSED,
+    Estimates,
     Observation,
     TactileEnvironment,
     gymnasium,
+    needs_calibrated_sensor,
 )
 
 if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
+    from ninedtact_train.batched.force_by_physics import BatchedPhysics
 
 Steps = tuple[Observation, Array, Bool[Array, " envs"], Bool[Array, " envs"], dict[str, Any]]
 
@@ -54,9 +60,13 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
         force: str = OF_THE_GEL,
         like: Any = None,
         autoreset: bool = True,
+        **options: Any,
     ) -> None:
-        """Build the environments. sensor_folder, force: as of `TactileEnvironment`. like: an array whose library and device solve
-        the contacts (`torch.zeros((), device="cuda")`), None for NumPy. Raises `InputError`."""
+        """Build the environments. sensor_folder, force, options: as of `TactileEnvironment`. Raises `InputError`.
+
+        like: an array whose library and device solve the contacts (`torch.zeros((), device="cuda")`), None for NumPy. With one of
+        torch, force by physics is estimated of all images at once.
+        """
         if num_envs < 1:
             raise InputError(expected="at least one environment", got=f"{num_envs}", remedy="give a larger num_envs")
         self.num_envs, self._autoreset = num_envs, autoreset
@@ -65,7 +75,10 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
             **task.metadata,
             "autoreset_mode": mode.NEXT_STEP if autoreset else mode.DISABLED,
         }
-        self.environments = [task(sensor_folder, force=force) for _ in range(num_envs)]
+        self._physics = None
+        if force == PHYSICS and like is not None and not isinstance(like, np.ndarray):
+            self._physics, force = _batched_physics(sensor_folder, like), OF_THE_GEL
+        self.environments = [task(sensor_folder, force=force, **options) for _ in range(num_envs)]
         first, batch = self.environments[0], gymnasium.vector.utils.batch_space
         self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
         self.observation_space, self.action_space = (
@@ -73,7 +86,8 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
         )
         scenes = [(one.model, one.data) for one in self.environments]
         arrays = np.zeros((), np.float32) if like is None else like
-        self.batch = TactileSensorBatch(scenes, "sensor", first.sensor.twin, arrays, geom=task.gel_geom)
+        twin = first.sensor.twin
+        self.batch = TactileSensorBatch(scenes, "sensor", twin, arrays, twin.pitch_mm, task.gel_geom)
         for environment, sensor in zip(self.environments, self.batch.sensors, strict=True):
             environment.use_sensor(sensor)
         self._ended = np.ones(num_envs, bool)
@@ -121,23 +135,41 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
         running = [number for number in range(self.num_envs) if number not in ended]
         for number in running:
             self.environments[number].begin_step(acting[number])
-        for number, answer in self.batch.step_each(running).items():
-            found = self._end_step(self.environments[number], answer)
+        answers = self.batch.step_each(running)
+        estimates = self._estimates({n: one for n, one in answers.items() if isinstance(one, TactileReading)})
+        for number, answer in answers.items():
+            found = self._end_step(self.environments[number], answer, estimates.get(number))
             self._observations[number], rewards[number], terminated[number], truncated[number], info = found
             infos = self._add_info(infos, info, number)
         self._ended = terminated | truncated
         return self._stacked(), rewards, terminated, truncated, infos
 
-    def _end_step(self, environment: TactileEnvironment, answer: TactileReading | NinedtactError) -> Any:
+    def _estimates(self, readings: dict[int, TactileReading]) -> dict[int, Estimates]:
+        """Return what is estimated of the images of these readings together; nothing where each sensor estimates its own."""
+        if self._physics is None or not readings:
+            return {}
+        grey = np.stack([cv2.cvtColor(one.frame.image, cv2.COLOR_BGR2GRAY) for one in readings.values()])
+        like = self.batch.like
+        found = self._physics(array_namespace_of(like).asarray(grey, device=like.device))
+        both = zip(to_numpy(found.heights_mm).astype(np.float32), to_numpy(found.wrenches), strict=True)
+        return dict(zip(readings, both, strict=True))
+
+    def _end_step(
+        self, environment: TactileEnvironment, answer: TactileReading | NinedtactError, estimates: Estimates | None
+    ) -> Any:
         if isinstance(answer, PRESS_REFUSED):
             return environment.refuse(answer)
         if isinstance(answer, NinedtactError):
             raise answer
-        return environment.end_step(answer)
+        return environment.end_step(answer, estimates)
 
     def _reset_one(self, number: int, seed: int | None, infos: dict[str, Any]) -> dict[str, Any]:
         """Reset one environment, and return the infos with its own."""
-        self._observations[number], info = self.environments[number].reset(seed=seed)
+        environment = self.environments[number]
+        self._observations[number], info = environment.reset(seed=seed)
+        assert environment.sensor.last is not None
+        for estimates in self._estimates({number: environment.sensor.last}).values():
+            self._observations[number] = environment.observe(estimates)
         self._ended[number] = False
         return self._add_info(infos, info, number)
 
@@ -152,6 +184,19 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
             said = f"shape {found.shape}" if found.shape != wanted else "some that are not finite"
             raise InputError(expected=f"finite actions of shape {wanted}", got=said, remedy="correct them")
         return found
+
+
+def _batched_physics(sensor_folder: "SensorFolder | Twin | Path | str | None", like: Any) -> "BatchedPhysics":
+    """Return the estimator of a calibrated sensor for many images at once on a device of torch; raises `InputError`."""
+    from ninedtact.calibration.sensor_folder import load_sensor
+    from ninedtact_train.batched.depth_reading import BatchedDepthReader
+    from ninedtact_train.batched.force_by_physics import BatchedPhysics
+
+    if sensor_folder is None or isinstance(sensor_folder, Twin):
+        raise needs_calibrated_sensor(PHYSICS, sensor_folder)
+    folder = load_sensor(sensor_folder) if isinstance(sensor_folder, Path | str) else sensor_folder
+    reader = folder.shape.depth_reader(Frame(folder.twin().renderer.reference.round().astype(np.uint8)))
+    return BatchedPhysics(BatchedDepthReader(folder.shape.rectify, reader, str(like.device)), folder.estimator(PHYSICS))
 
 
 def register_task(name: str, task: type[TactileEnvironment]) -> None:

@@ -159,10 +159,8 @@ def make_ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, 
     )
 
 
-def make_second_ball_quality(twin: TwinFit | None) -> SecondBallQuality | None:
-    """Return the quality of the press of the second ball; None where there is none."""
-    if twin is None or not twin.further:
-        return None
+def make_second_ball_quality(twin: TwinFit, alone: TwinFit) -> SecondBallQuality:
+    """Return the quality of the press of the second ball, beside what the first press says alone."""
     second, deviations = twin.further[0], twin.uncertainty.standard_deviations
     return SecondBallQuality(
         second.ball.radius_mm,
@@ -170,7 +168,8 @@ def make_second_ball_quality(twin: TwinFit | None) -> SecondBallQuality | None:
         deviations["press_2_depth_mm"],
         second.residual_rms_grey_levels,
         deviations["depth_mm"],
-        deviations["depth_mm"] / twin.depth_std_share,
+        alone.press.depth_mm,
+        alone.uncertainty.standard_deviations["depth_mm"],
         second.implied_radius.mm,
         second.implied_radius.std_mm,
     )

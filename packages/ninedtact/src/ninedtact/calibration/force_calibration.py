@@ -15,7 +15,6 @@ from types import MappingProxyType
 import msgspec
 import numpy as np
 
-from ninedtact.atomic_write import write_file_atomically
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.free_pressing.known_pressing import KeptOutErrors, KnownPressing
 from ninedtact.calibration.free_pressing.pressing import FreePressing
@@ -28,7 +27,7 @@ from ninedtact.calibration.gel_fit_to_known_loads import (
     fit_known_loads,
     require_same_unit,
 )
-from ninedtact.calibration.save import to_sensor_toml
+from ninedtact.calibration.save import save_known_loads
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.sensor_toml_schema import KnownLoadTable
 from ninedtact.calibration.sensor_with_other_base import load_on_calibration_ball_n, sensor_with_other_base
@@ -91,6 +90,7 @@ class _PressReader:
         depth_reader = self._last[1]
         reading = read_frame(press.frame, self.folder.shape, depth_reader)
         require_plausible_image(press.name, reading.rectified, depth_reader.reference, reading.height, reading.light)
+        load_reference_image_checker(self.folder).require_in_focus(press.name, reading.frame.image, press.references)
         return reading
 
 
@@ -217,9 +217,9 @@ class KnownLoadCalibration:
         if not self.finds_gel:
             scale = ForceScale(fit.factor, fit.error, len(fit.deviations), fit.shear_factor, fit.shear_std)
             return write_force_scale(sensor.path, self.estimator, scale)
-        write_file_atomically(sensor.path / SENSOR_FILE, to_sensor_toml(sensor.record))
+        file = save_known_loads(sensor)
         (sensor.path / FORCE_SCALE_FILE).unlink(missing_ok=True)
-        return sensor.path / SENSOR_FILE
+        return file
 
 
 def _require_estimator(force: str) -> None:

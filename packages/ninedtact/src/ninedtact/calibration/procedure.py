@@ -43,11 +43,12 @@ from ninedtact.calibration.sensor_toml_schema import (
     PinMapTable,
     PixelMapTable,
     ProbableCause,
+    SecondBallQuality,
     SensorTomlRecord,
     require_sensor_id,
 )
 from ninedtact.calibration.settings import CalibrationSettings, LensKind
-from ninedtact.calibration.twin.ball_press_fit import TwinFit
+from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
 from ninedtact.design import SensorDesign
@@ -276,8 +277,9 @@ def _make_record(
             twin = twin_to_toml_table(fits.twin, noise_grey_levels, fits.board_press)
     board_quality = None if board is None else make_board_quality(board, rectify, settings.lens)
     lengths = assess_stated_lengths(board, fits.twin, design)
-    warnings = _warnings(images, fits, design)
-    certificate = Certificate(board_quality, ball_quality, make_second_ball_quality(fits.twin), lengths, warnings)
+    second = _second_ball_quality(fits, design)
+    warnings = _warnings(images, fits, design) + little_gain_warnings(second)
+    certificate = Certificate(board_quality, ball_quality, second, lengths, warnings)
     is_impossible = fits.ball is not None and bool(press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel))
     cause = find_probable_cause(certificate, cause_in_images, _turned_board_warning(fits), is_impossible)
     return SensorTomlRecord(
@@ -324,7 +326,15 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     if images.ball_pair is not None and images.second_ball_pair is not None:
         references = images.ball_pair[0], images.second_ball_pair[0]
         warnings += different_skin_warnings(*references, "ball", "second ball")
-    return warnings + little_gain_warnings(make_second_ball_quality(fits.twin))
+    return warnings
+
+
+def _second_ball_quality(fits: CalibrationFits, design: SensorDesign) -> SecondBallQuality | None:
+    """Return the quality of the press of the second ball, None where there is none; the first one is fitted alone for it."""
+    if fits.ball is None or fits.twin is None or not fits.twin.further:
+        return None
+    priors = () if fits.board_press is None else fits.board_press.priors
+    return make_second_ball_quality(fits.twin, fit_twin_to_ball_press(fits.ball.press, design, priors))
 
 
 def _turned_board_warning(fits: CalibrationFits) -> str | None:

@@ -20,7 +20,7 @@ from ninedtact.atomic_write import (
 )
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY
 from ninedtact.calibration.certificate.checks import has_failed_checks
-from ninedtact.calibration.certificate.html_page import render_certificate_html
+from ninedtact.calibration.certificate.html_page import render_certificate_html, replace_force_section
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
 from ninedtact.calibration.procedure import Calibration, CalibrationImages
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder, SensorFolderDamaged, load_sensor
@@ -69,6 +69,19 @@ def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
         write_file_atomically(folder / SENSOR_FILE, to_sensor_toml(record))
         write_file_atomically(folder / CERTIFICATE_FILE, render_certificate_html(calibration).encode())
     return SensorFolder(final, record)
+
+
+def save_known_loads(folder: SensorFolder) -> Path:
+    """Write the numbers of a sensor with the gel that known loads told, and what its certificate says of force; return the file.
+
+    Raises `FileNotWritten` and `OSError` from the disk.
+    """
+    write_file_atomically(folder.path / SENSOR_FILE, to_sensor_toml(folder.record))
+    certificate = folder.path / CERTIFICATE_FILE
+    if certificate.is_file():
+        page = replace_force_section(certificate.read_text(encoding="utf-8"), folder.record)
+        write_file_atomically(certificate, page.encode())
+    return folder.path / SENSOR_FILE
 
 
 def failed_calibration_notices(out: Path, saved: SensorFolder) -> list[str]:

@@ -27,7 +27,7 @@ from ninedtact.shape.lens_and_rectification import (
 )
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
-SENSOR_FORMAT = 7
+SENSOR_FORMAT = 8
 """Format number, raised with every change that makes older files unreadable."""
 NOT_CALIBRATED = ("format", "id", "created", "software")
 """Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""
@@ -222,8 +222,10 @@ class SecondBallQuality(Struct, frozen=True, forbid_unknown_fields=True):
     residual_rms_grey_levels: _Error
     first_std_mm: _Error
     """Standard deviation of the depth of the first ball, with both presses."""
+    first_alone_mm: _DepthMm
+    """Depth of the first ball's lowest point by its own press alone."""
     first_std_alone_mm: _Error
-    """The same with the first press alone."""
+    """Its standard deviation."""
     likely_radius_mm: _Error
     """The radius of the second ball that fits both images best, if that of the first is right."""
     likely_radius_std_mm: _Error

@@ -2,7 +2,7 @@
 
 Pillow decodes; it raises an error for data that end early. What decoders pass over is checked before: the checksums of a PNG file
 (https://www.w3.org/TR/png-3/ section 5), and the marker that ends a JPEG file (ITU-T T.81 annex B). A JPEG file has no checksum, so
-that flipped bits which leave it decodable are not found.
+that flipped bits which leave it decodable are not found. `encode_png` is the one way in which camera images become PNG files.
 """
 
 import struct
@@ -38,6 +38,10 @@ _DECODING_ERRORS = (
     AssertionError,
     IndexError,
 )
+_FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
+"""Noise does not repeat itself: to search for repetitions takes three times as long, and the files are larger."""
+if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12; smaller and twice as fast
+    _FAST_PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 _CUT_SHORT = "a file that is cut short"
 _DAMAGED = "a damaged file"
 
@@ -71,6 +75,11 @@ def decode_image_file(content: bytes, *formats: str) -> UInt8[Array, "rows cols 
     if isinstance(decoded, str):
         raise _ImageFault(expected="an image", got=decoded, remedy="record it again")
     return decoded
+
+
+def encode_png(image: UInt8[Array, "rows cols"] | UInt8[Array, "rows cols 3"]) -> bytes:
+    """Return the PNG file of a camera image, grey or BGR, in little time."""
+    return bytes(cv2.imencode(".png", np.ascontiguousarray(image), _FAST_PNG)[1])
 
 
 def image_file_fault(content: bytes) -> str | None:

@@ -69,7 +69,7 @@ class EstimateCommand:
             found: list[dict[str, Any]] = []
             damage: FileFormatError | CameraError | ImageImplausible | None = None
             try:
-                for name, reading in self.readings(sensor):
+                for name, reading in self.readings(sensor, folder):
                     found.append(self.row(name, reading))
             except (FileFormatError, CameraError, ImageImplausible) as error:
                 if not found:
@@ -101,10 +101,13 @@ class EstimateCommand:
             reference_at_s=self.reference_at,
         )
 
-    def readings(self, sensor: "Sensor") -> "Iterator[tuple[str, Reading]]":
+    def readings(self, sensor: "Sensor", folder: "SensorFolder") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image; of a camera, a stream or the twin until Ctrl-C."""
+        from ninedtact.calibration.drift.reference_check import load_reference_image_checker
         from ninedtact.shape.image_plausibility import require_plausible_image
 
+        check = load_reference_image_checker(folder)
+        references = check.read_images(self.reference) if self.images_are_separate else []
         with stop_on_signal() if sensor.source.is_live else nullcontext() as stop, sensor:
             if stop is not None:
                 print_notice(f"estimating what {sensor.source.name} shows until Ctrl-C")
@@ -114,6 +117,7 @@ class EstimateCommand:
                 name = self._name_of(reading.frame.index, sensor.source)
                 if self.images_are_separate:
                     require_plausible_image(name, reading.rectified, reading.reference, reading.height, reading.light)
+                    check.require_in_focus(name, reading.frame.image, references)
                 yield name, reading
                 if self.images_are_separate:
                     sensor.estimator.forget()

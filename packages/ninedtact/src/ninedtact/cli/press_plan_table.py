@@ -28,11 +28,13 @@ def print_press_plan(out: Path, design: "SensorDesign", json: bool) -> int:
 
 def format_press_plan(subject: str, plan: "PressPlan") -> Iterator[str]:
     """Yield the plan as a table: the standard deviations that are left, the best candidate first."""
-    press = plan.known.press
+    press, ratio = plan.known.press, plan.known.press.gel_to_base_modulus_ratio
+    is_rigid = plan.known.design.gel.has_rigid_base
+    base = "on a rigid base by design" if is_rigid else f"its modulus {ratio:.3f} of that of the base"
     yield f"what a second press would tell of {subject} (± that is left; one standard deviation)"
     yield (
         f"expected: ball of radius {plan.known.design.ball.radius_mm:g} mm, {press.depth_mm:.2f} mm deep; gel of "
-        f"{press.thickness_mm:.2f} mm; its modulus {press.gel_to_base_modulus_ratio:.3f} of that of the base"
+        f"{press.thickness_mm:.2f} mm; {base}"
     )
     yield _COLUMNS
     yield _row("the ball alone", press.depth_mm, plan.alone)

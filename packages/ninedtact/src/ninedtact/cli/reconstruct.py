@@ -53,13 +53,16 @@ class ReconstructCommand:
             )
         folder = load_sensor_with_notices(self.sensor)
         shape = folder.shape
-        depth = shape.depth_reader(*load_reference_image_checker(folder).read_images(self.reference))
+        check = load_reference_image_checker(folder)
+        references = check.read_images(self.reference)
+        depth = shape.depth_reader(*references)
         results: list[dict[str, Any]] = []
         damage: FileFormatError | ImageImplausible | None = None
         try:
             for path, name in zip(self.images, _output_names(self.images), strict=True):
                 reading = read_frame(Frame(read_image(path)), shape, depth)
                 require_plausible_image(str(path), reading.rectified, depth.reference, reading.height, reading.light)
+                check.require_in_focus(str(path), reading.frame.image, references)
                 results.append(self.result(path, name, reading, depth))
         except (FileFormatError, ImageImplausible) as error:
             if not results:
@@ -82,7 +85,7 @@ class ReconstructCommand:
             **asdict(measured),
             "max_indentation_error_mm": inf
             if measured.is_deepest_clipped
-            else depth.max_indentation_error_mm(measured.max_indentation_mm),
+            else depth.max_indentation_error_mm(reading.height),
             "warnings": (*measured.warnings, *reading.light_sentences),
             "files": {kind: str(file) for kind, file in self._write_files(name, reading.height)},
         }

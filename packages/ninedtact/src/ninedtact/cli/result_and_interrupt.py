@@ -243,14 +243,18 @@ def format_calibration(sensor: "SensorFolder") -> Iterator[str]:
     else:
         yield f"  scale  {sensor.record.grid.mm_per_px:.5f} mm per pixel, with the imported rectification"
     if (ball := certificate.ball) is not None:
+        twin = sensor.record.twin
+        std = "" if twin is None else f" ± {twin.fit.parameters['depth_mm'].std:.2f}"
+        base = ", on a base that is rigid by design" if twin is not None and twin.gel.has_rigid_base else ""
         yield (
-            f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f} mm deep, reconstructed to "
-            f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}"
+            f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f}{std} mm deep, reconstructed to "
+            f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}{base}"
         )
     if (second := certificate.second_ball) is not None:
         yield (
             f"  second radius {second.ball_radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep; with it the depth of "
-            f"the first is known to ± {second.first_std_mm:.3f} mm, ± {second.first_std_alone_mm:.3f} mm without"
+            f"the first is known to ± {second.first_std_mm:.3f} mm; alone it is {second.first_alone_mm:.2f} ± "
+            f"{second.first_std_alone_mm:.3f} mm"
         )
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"

@@ -133,14 +133,15 @@ def _row(image: "TrackedImage") -> dict[str, Any]:
     motion, slip = image.motion, image.slip
     (x_mm, y_mm), (x_std, y_std) = motion.moved_mm.tolist(), motion.std_mm.tolist()
     shear_x, shear_y, outward = image.force_n.tolist()
+    is_free = motion.state == "no contact"
     return {
         "frame": image.index,
         "time_s": image.time_s,
         "state": str(motion.state),
         "touching": motion.state == "tracked",
-        "slip": "" if slip.state == "unknown" else str(slip.state),
-        "p_incipient": slip.p_incipient,
-        "p_gross": slip.p_gross,
+        "slip": "static" if is_free else "" if slip.state == "unknown" else str(slip.state),
+        "p_incipient": 0.0 if is_free else slip.p_incipient,
+        "p_gross": 0.0 if is_free else slip.p_gross,
         "sticking_share": slip.sticking_share,
         "x_mm": x_mm,
         "y_mm": y_mm,

@@ -66,34 +66,39 @@ class ContactRegionSettings:
     pressed in, because the contact beside it draws it down."""
     deep_mm: float = 0.05
     deep_fraction: float = 0.1
-    """Fraction of the maximum indentation, and of the maximum darkening. Every connected part of a contact reaches both, and
-    `deep_mm`, somewhere: on a base that yields, skin far from an object lies low without being touched."""
+    """Fraction of the maximum indentation. Every connected part of a contact reaches this fraction, and `deep_mm`, somewhere."""
+    thin_fraction: float = 0.03
+    """Fraction of the maximum darkening of a cell that it reaches there: on a base that yields, skin far from an object lies low,
+    but its gel is no thinner. Smoothed, strokes and teeth are not dark, nor are wide objects beside the median of the view."""
     level_fraction: float = 0.2
     """Fraction of the maximum indentation down to which the median height of the view is the level from which skin counts as
     pressed in: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
+    bright_fraction: float = 0.6
+    """Fraction of the maximum brightening. Brighter cells lie on gel that bulges beside an object, although skin over a base that
+    yields is low there."""
     dark_fraction: float = 0.5
     """Fraction of the maximum darkening. Cells that are darker than this are in contact, whatever height the depth reader gives."""
 
 
-_SMOOTHING_CELLS = 2.0
+SMOOTHING_CELLS = 2.0
 _FAINT_SMOOTHING_CELLS = 1.0
 FAINT_IMAGES = 3
 """Images in all of which a faint contact is dark."""
 _MIN_NOISE = 2e-4
 """Smallest noise (standard deviation of the relative brightness) that is assumed for one cell."""
-_MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE = 5e-3, 25.0
+MAX_NOISE, MAX_NOISE_PER_PIXEL_NOISE = 5e-3, 25.0
 """Relative brightness noise of one cell that is not doubted, and its largest ratio to that of independent pixels (6 to 12 in images
 of real sensors, whose cameras sharpen and compress). What exceeds both is structure, such as pins all over the view."""
-_NOISE_EVERY_ROWS = 48
-_SMOOTHING_RESIDUE = 0.8
+NOISE_EVERY_ROWS = 48
+SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
 _TILES = 3, 4
 """Tiles in which the noise of a stream is measured."""
 _DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
 """Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the error that it leaves."""
-_INTERPOLATED = 1.5
+INTERPOLATED = 1.5
 """Noise of a raw pixel over that of a rectified one, which bilinear interpolation reduces to two thirds on average."""
-_FAINT_PRESSURE = 0.05
+FAINT_PRESSURE = 0.05
 """Fraction of the maximum pressure below which pressure at the border of the view is no sign of contact beyond it."""
 _RIM = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 """Kernel that extends a region by one cell, because skin at the rim of a contact may stand higher than the undeformed plane."""
@@ -132,8 +137,8 @@ def measure_darkening_and_limit(
     noise = max(estimate_cell_noise(signal), _MIN_NOISE)
     noise = min(noise, cell_noise_upper_bound(reading.rectified.grey, reading.reference.grey, signal.size))
     in_view = np.ones_like(signal)
-    darkening = _smoothed_darkening(signal, in_view, _SMOOTHING_CELLS)
-    limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, _SMOOTHING_CELLS)
+    darkening = _smoothed_darkening(signal, in_view, SMOOTHING_CELLS)
+    limit = _noise_limit(noise, threshold.noise_stds, threshold.min_darkening, SMOOTHING_CELLS)
     limit = max(float(limit), correlated_noise_limit(reading, threshold))
     return float(_without_light_at_border(darkening, in_view, limit, threshold).max()), limit
 
@@ -152,16 +157,16 @@ def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> flo
         learnt = float(np.clip(threshold.learnt_darkenings * stream.darkening, least, most))
     if stream.learnt_s >= threshold.learnt_after_s:
         return learnt
-    level = max(float(reading.reference.grey[::_NOISE_EVERY_ROWS].mean()), 1.0)
-    noise_levels = _INTERPOLATED * _estimate_pixel_noise(reading.rectified.grey, reading.reference.grey) * level
+    level = max(float(reading.reference.grey[::NOISE_EVERY_ROWS].mean()), 1.0)
+    noise_levels = INTERPOLATED * _estimate_pixel_noise(reading.rectified.grey, reading.reference.grey) * level
     rounding = float(np.exp(-2 * (np.pi * noise_levels) ** 2)) / level
     if abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None:
         rounding = max(rounding, _GAIN_ROUNDING_LEVELS / level)
     signal = reading.brightness_on_cells
     rows, cols = signal.shape
     coarse = np.asarray(cv2.resize(signal, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA))
-    noise = min(2 * estimate_cell_noise(coarse), _MAX_NOISE)
-    return max(learnt, rounding, float(_noise_limit(noise, threshold.noise_stds, 0.0, _SMOOTHING_CELLS)))
+    noise = min(2 * estimate_cell_noise(coarse), MAX_NOISE)
+    return max(learnt, rounding, float(_noise_limit(noise, threshold.noise_stds, 0.0, SMOOTHING_CELLS)))
 
 
 def measure_smooth_noise(reading: Reading) -> float:
@@ -184,7 +189,7 @@ def measure_even_noise(reading: Reading) -> float:
 def _largest_changes_of_tiles(reading: Reading) -> tuple[Float[Array, "down across"], Float[Array, "down across"]]:
     """Return the largest brightening and the largest darkening of every tile."""
     signal = reading.brightness_on_cells
-    darkening = _smoothed_darkening(signal, np.ones_like(signal), _SMOOTHING_CELLS)
+    darkening = _smoothed_darkening(signal, np.ones_like(signal), SMOOTHING_CELLS)
     rows, cols = darkening.shape
     down, across = _TILES
     tiles = darkening[: rows // down * down, : cols // across * across]
@@ -219,11 +224,11 @@ def find_contact_region(
             return None
         darkening, limit = darkening * _around(faint, darkening.shape, margin), 0.0
     max_depth_mm = max(-float(z_mm[margin:-margin, margin:-margin].min()), 0.0)
-    deep = (z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)) & (
-        darkening > settings.deep_fraction * float(darkening.max())
-    )
+    is_thinner = change < settings.thin_fraction * float(change.min())
+    deep = (z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)) & is_thinner
     level_mm = float(np.clip(np.median(z_mm[in_view > 0]), -settings.level_fraction * max_depth_mm, 0))
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
+    pressed &= change <= settings.bright_fraction * max(float(change.max()), 0.0)
     dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
     return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
 
@@ -251,7 +256,7 @@ def _around(faint: View, shape: tuple[int, ...], margin: int) -> View:
 def pressure_reaches_unseen(pressure: View, in_view: View) -> bool:
     """Return whether appreciable pressure acts on cells that are not seen, or beside them."""
     unseen = cv2.dilate(1 - in_view, _RIM)
-    return bool(((pressure > _FAINT_PRESSURE * pressure.max()) & (unseen > 0)).any())
+    return bool(((pressure > FAINT_PRESSURE * pressure.max()) & (unseen > 0)).any())
 
 
 def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
@@ -260,7 +265,7 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
     It is the median deviation of a cell from its smoothed surroundings, which contacts hardly change: they are small, or smooth.
     """
     smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
-    return float(robust_std(field - smooth)) / _SMOOTHING_RESIDUE
+    return float(robust_std(field - smooth)) / SMOOTHING_RESIDUE
 
 
 def cell_noise_upper_bound(
@@ -272,12 +277,12 @@ def cell_noise_upper_bound(
     pixels contributes little.
     """
     pixel_noise = _estimate_pixel_noise(image, reference)
-    return max(_MAX_NOISE, _MAX_NOISE_PER_PIXEL_NOISE * pixel_noise * float(np.sqrt(cells / image.size)))
+    return max(MAX_NOISE, MAX_NOISE_PER_PIXEL_NOISE * pixel_noise * float(np.sqrt(cells / image.size)))
 
 
 def _estimate_pixel_noise(image: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]) -> float:
     """Return the standard deviation of a pixel's relative brightness."""
-    rows = np.s_[::_NOISE_EVERY_ROWS]
+    rows = np.s_[::NOISE_EVERY_ROWS]
     brightness = image[rows] / np.maximum(reference[rows], np.float32(1))
     return noise_by_second_differences(brightness, axis=1)
 

@@ -13,9 +13,9 @@ from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
 
-_ANY_CONTACT = 0.08
+ANY_CONTACT = 0.08
 """Hidden torque of any contact, over the force times the radius of gyration."""
-_ROUND_CONTACT = 0.3
+ROUND_CONTACT = 0.3
 """The same of a round contact, added in squares: the skin around it rises the same whichever way the object is twisted. The torque
 of a ball that is twisted by 10° is 0.3 to 0.6."""
 
@@ -41,7 +41,7 @@ class PressureRmsRadii:
 
     def hidden_torque_nm(self, force_n: float) -> float:
         """Return one standard deviation of the hidden torque about z, in N·m, under this normal force."""
-        share = np.hypot(_ANY_CONTACT, _ROUND_CONTACT * self.roundness)
+        share = np.hypot(ANY_CONTACT, ROUND_CONTACT * self.roundness)
         return float(share * abs(force_n) * self.radius_of_gyration_mm / 1e3)
 
 

@@ -8,9 +8,9 @@ MuJoCo's skin does not yield sideways, a gel does. While a body sticks, the obje
 needs to resist with MuJoCo's friction. Where the friction of the scene is exhausted, the object slides as the body does.
 """
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,8 +54,10 @@ HEIGHT_PITCH_MM = 0.2
 class TactileReading:
     """What the sensor shows and feels at one moment of the scene."""
 
-    frame: Frame
-    """The raw image of the camera, stamped with the time of the scene."""
+    render: Callable[[], BgrImage]
+    """Renders the image when it is first asked for."""
+    index: int
+    """Number of the image since the sensor was opened."""
     wrench: Wrench
     """What the object applies to the gel of the twin, about the middle of the undeformed skin, in the sensor frame."""
     scene_wrench: Wrench
@@ -64,14 +66,19 @@ class TactileReading:
     """The gel's contact with pressure, shear and heights; None while nothing touches."""
     area_mm: tuple[float, float]
 
+    @cached_property
+    def frame(self) -> Frame:
+        """The raw image of the camera, stamped with the time of the scene."""
+        return Frame(self.render(), self.scene_wrench.stamp_ns, self.index)
+
     @property
     def heights(self) -> HeightMap:
         """The true heights of the skin in mm over the sensing area, on a grid of 0.2 mm."""
         shape = round(self.area_mm[1] / HEIGHT_PITCH_MM), round(self.area_mm[0] / HEIGHT_PITCH_MM)
         if self.contact is None:
             flat = np.zeros(shape, np.float32), np.full(shape, 2, np.uint8)
-            return HeightMap(*flat, HEIGHT_PITCH_MM, stamp_ns=self.frame.stamp_ns)
-        return replace(true_height_map(self.contact, shape, HEIGHT_PITCH_MM), stamp_ns=self.frame.stamp_ns)
+            return HeightMap(*flat, HEIGHT_PITCH_MM, stamp_ns=self.scene_wrench.stamp_ns)
+        return replace(true_height_map(self.contact, shape, HEIGHT_PITCH_MM), stamp_ns=self.scene_wrench.stamp_ns)
 
 
 @dataclass(frozen=True)
@@ -175,7 +182,7 @@ class TactileSensor(FrameSource):
                 request = pressing.send(twin.press(request.last, request.solids, request.pose, request.load_n))
         except StopIteration as ended:
             contact = None if ended.value is None else ended.value.corrected
-        return self.show(contact, self.twin.renderer(contact, self._frames + 1))
+        return self.show(contact, partial(self.twin.renderer, contact, self._frames + 1))
 
     def press_steps(self) -> Generator[ContactSolveRequest, Press, Press | None]:
         """Yield the presses to be solved for the scene as it is now, receive each, and return the one that is shown.
@@ -191,12 +198,13 @@ class TactileSensor(FrameSource):
         self._press_before = step = yield from self._press(touching)
         return step.press
 
-    def show(self, contact: Contact | None, image: BgrImage) -> TactileReading:
-        """Keep and return the reading of a solved contact and its image."""
+    def show(self, contact: Contact | None, render: Callable[[], BgrImage]) -> TactileReading:
+        """Keep and return the reading of a solved contact, whose image is rendered when it is asked for."""
         scene, self._frames = self._scene_wrench, self._frames + 1
         none = replace(scene, force_n=np.zeros(3), torque_nm=np.zeros(3))
         self.last = TactileReading(
-            Frame(image, scene.stamp_ns, self._frames - 1),
+            render,
+            self._frames - 1,
             none if contact is None else replace(contact.wrench(), stamp_ns=scene.stamp_ns),
             scene,
             contact,

@@ -102,7 +102,7 @@ class SharedActiveRectangle(ActiveRegion):
 
     def any_outside(self, points: PointMask) -> bool:
         """Return whether any contact of the batch has one of these points outside the rectangle."""
-        return int(points.sum()) != int(self.crop(points).sum())
+        return bool(points.sum() != self.crop(points).sum())
 
     def enlarged(self, points: PointMask) -> "SharedActiveRectangle":
         """Return a region that contains this one and these points of all contacts of the batch."""
@@ -158,7 +158,7 @@ def find_touchable_region(skin: Skin, overlap_mm: ScalarField) -> SharedActiveRe
 
 def rectangle_around_points(points: PointMask) -> GridRectangle:
     """Return the rectangle around these points of all contacts of a batch; the whole grid where there are none."""
-    near = to_numpy(array_namespace_of(points).any(points, axis=tuple(range(points.ndim - 2))))
+    near = to_numpy(array_namespace_of(points).any(points, axis=tuple(range(points.ndim - 2)))) > 0
     return _rectangle_around(near.any(axis=1), near.any(axis=0), (near.shape[0], near.shape[1]))
 
 

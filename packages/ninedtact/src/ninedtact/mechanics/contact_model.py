@@ -41,7 +41,6 @@ from ninedtact.mechanics.numpy_or_torch_arrays import (
     ScalarPerContact,
     array_namespace_of,
     drop_grid_axes,
-    drop_grid_axes_of_counts,
     expand_over_grid,
     forward_transform,
     half_with_all_unconverged,
@@ -51,6 +50,7 @@ from ninedtact.mechanics.numpy_or_torch_arrays import (
     put_contacts,
     take_contacts,
     to_numpy,
+    to_numpy_together,
 )
 from ninedtact.mechanics.pose import Pose, rigid_displacement_mm
 from ninedtact.mechanics.skin import DisplacementOperators, PointMask, ScalarField, Skin, VectorField
@@ -162,15 +162,21 @@ class AlternatingSolver:
         residual = self.operators.xp.maximum(state.pressure.initial_residual_mm, state.shear.initial_residual_mm)
         return AlternatingSolverResult(state, residual, iterations)
 
+    def _tolerance_mm(self, depth_increase_mm: PerContact) -> PerContact:
+        """Return the tolerance at the depth that was found."""
+        return self.settings.tolerance_mm(self.depth_mm + depth_increase_mm)
+
     def _next_state(self, last: AlternationState) -> AlternationState:
         """Return the state after one round: pressure, then shear. A field within the tolerance is kept unchanged."""
         operators, max_iterations = self.operators, self.settings.max_iterations
-        tolerance = self.settings.tolerance_mm(self.depth_mm + last.pressure.depth_increase_mm)
         overlap = self.overlap_mm + last.bulge_mm
-        pressure = solve_pressure(operators, self.constraint, overlap, last.pressure, tolerance, max_iterations)
+        pressure = solve_pressure(
+            operators, self.constraint, overlap, last.pressure, self._tolerance_mm, max_iterations
+        )
         same = pressure.pressure_mpa is last.pressure.pressure_mpa
         spread = last.spread_mm if same else operators.tangential_from_pressure_mm(pressure.pressure_mpa)
         limit = FrictionLimit(self.friction * pressure.pressure_mpa)
+        tolerance = self._tolerance_mm(pressure.depth_increase_mm)
         shear = solve_shear(operators, self.carried_mm - spread, limit, last.shear, tolerance, max_iterations)
         same = shear.shear_mpa is last.shear.shear_mpa
         bulge = last.bulge_mm if same else operators.bulge_from_shear_mm(shear.shear_mpa)
@@ -205,8 +211,7 @@ class ContactProblem:
     def deepest_mm(self, solved: Contact) -> ScalarPerContact:
         """Return how far each object reaches into the skin at the depth that was found: its origin, or under a tilt its lowest
         point."""
-        lowest = drop_grid_axes(max_over_grid(self.overlap_mm)) + (solved.pose.depth_mm - self.pose.depth_mm)
-        return np.maximum(solved.pose.depth_mm, lowest)
+        return deepest_of_solved_mm(solved, self.pose, drop_grid_axes(max_over_grid(self.overlap_mm)))
 
     def solve(self, region: ActiveRegion, settings: SolverSettings) -> tuple[Contact, PointMask]:
         """Return the contact solved in a region, and where on the grid its skin is inside the object beyond the tolerance.
@@ -226,14 +231,16 @@ class ContactProblem:
         result = solver.solve(solver.initial_state(*(region.crop(guess) for guess in start)))
         pressure, shear = result.state.pressure, result.state.shear
         tractions = region.embed(pressure.pressure_mpa), region.embed(shear.shear_mpa)
+        numbers = to_numpy_together(pressure.depth_increase_mm, result.residual_mm, result.iterations)
+        deeper_mm, residual_mm, iterations = map(drop_grid_axes, numbers)
         contact = Contact(
             self.last.skin,
-            replace(self.pose, depth_mm=self.pose.depth_mm + drop_grid_axes(pressure.depth_increase_mm)),
+            replace(self.pose, depth_mm=self.pose.depth_mm + deeper_mm),
             *tractions,
             *region.whole_grid_operators.displacement_mm(*tractions),
             self.friction,
-            drop_grid_axes(result.residual_mm),
-            drop_grid_axes_of_counts(result.iterations),
+            residual_mm,
+            int(iterations) if isinstance(iterations, float) else np.asarray(iterations).astype(int),
         )
         deeper = pressure.depth_increase_mm
         level = settings.tolerance_mm(self.depth_mm + deeper) - deeper
@@ -242,6 +249,11 @@ class ContactProblem:
     def _over_batch(self, field: Any, axes: int) -> Any:
         """Return one field for every pose of the batch, including fields that are the same for all poses."""
         return _broadcast_to_batch(self.pose, field, axes)
+
+
+def deepest_of_solved_mm(solved: Contact, pose: Pose, max_overlap_mm: ScalarPerContact) -> ScalarPerContact:
+    """Return `ContactProblem.deepest_mm` of objects that overlapped with the undeformed skin by so much at this pose."""
+    return np.maximum(solved.pose.depth_mm, max_overlap_mm + (solved.pose.depth_mm - pose.depth_mm))
 
 
 def build_contact_problem_at_pose(
@@ -353,7 +365,7 @@ def _carried_mm(last: Contact, pose: Pose) -> VectorField:
     A point that touched keeps its grid point and has moved with the object. A point that did not keeps its place on the
     sensor, so it is another point of the grid now. Fields are not rotated by twists, since one step twists by little.
     """
-    if not last.touches:
+    if last.pressure_mpa.ndim == 2 and not last.touches:  # to ask of a batch would stop a device
         return last.tangential_mm
     by = pose.x_mm - last.pose.x_mm, pose.y_mm - last.pose.y_mm
     free = _shift_periodic_field(last.skin, last.tangential_mm, by) if any(map(np.any, by)) else last.tangential_mm

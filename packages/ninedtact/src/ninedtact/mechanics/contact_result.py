@@ -24,8 +24,10 @@ from ninedtact.mechanics.numpy_or_torch_arrays import (
     ScalarPerContact,
     array_namespace_of,
     expand_over_grid,
+    max_over_grid,
     sum_over_grid,
     to_numpy,
+    to_numpy_together,
 )
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.mechanics.skin import PeriodicGrid, PointMask, ScalarField, Skin, VectorField
@@ -213,21 +215,63 @@ def require_inside_grid(grid: PeriodicGrid, field: ScalarField) -> None:
         )
 
 
-def positive_at_border(field: ScalarField) -> Bool[Array, " batch"]:
+def positive_at_border(field: ScalarField) -> Bool[Any, " batch"]:
     """Return for each contact of a batch whether pressure (or overlap) is above zero at the grid's border."""
     above, xp = field > 0, array_namespace_of(field)
     sides = (above[:, :, 0], above[:, :, -1], above[:, 0, :], above[:, -1, :])
-    return to_numpy(xp.any(xp.concat(sides, axis=1), axis=1)) > 0
+    return xp.any(xp.concat(sides, axis=1), axis=1)
+
+
+@dataclass(frozen=True)
+class ContactLimits:
+    """What tells for each contact of a batch whether it is one that the grid, the gel and the solver allow."""
+
+    at_border: Bool[Array, " batch"]
+    """Whether there is pressure at the grid's border."""
+    reach_mm: Float64[Array, "batch 2"]
+    """The largest |x| and |y| of the sensor under pressure."""
+    max_overlap_mm: Float64[Array, " batch"]
+    """How far the object reached into the undeformed skin."""
+    overlap_at_border: Bool[Array, " batch"]
+    """Whether it did so at the grid's border."""
+    least_gel_mm: Float64[Array, " batch"]
+    """The thickness of the gel where the contact leaves least of it."""
+
+
+def contact_limits(solved: Contact, corrected: Contact, overlap_mm: ScalarField) -> ContactLimits:
+    """Return the limits of each contact of a batch, for which a device is waited for once.
+
+    corrected: the same contacts at finite strain. overlap_mm: of the poses before they were solved.
+    """
+    pressed, xp = solved.pressure_mpa > 0, array_namespace_of(solved.pressure_mpa)
+    at_border, by_col, by_row, overlap, overlaps, change_mm = to_numpy_together(
+        positive_at_border(solved.pressure_mpa),
+        xp.any(pressed, axis=1),
+        xp.any(pressed, axis=2),
+        max_over_grid(overlap_mm),
+        positive_at_border(overlap_mm),
+        xp.min(corrected.thickness_change_mm, axis=(-2, -1)),
+    )
+    thickness_mm, reach = solved.skin.gel.thickness_mm, _reach_mm(solved, by_col, by_row)
+    return ContactLimits(at_border > 0, reach, overlap[:, 0, 0], overlaps > 0, thickness_mm + change_mm)
 
 
 def reach_mm(contacts: Contact) -> Float64[Array, "batch 2"]:
     """Return the largest |x| and |y| of the sensor under pressure, for each contact of a batch."""
-    pressed, (x, y) = contacts.pressure_mpa > 0, contacts.skin.grid.positions_mm
-    reach = []
-    for across, axis_mm, middle in ((1, x[0], contacts.pose.x_mm), (2, y[:, 0], contacts.pose.y_mm)):
-        touched = to_numpy(array_namespace_of(pressed).any(pressed, axis=across)) > 0
-        reach.append(np.max(np.abs(axis_mm + np.asarray(middle)[:, None]) * touched, axis=1))
-    return np.stack(reach, axis=1)
+    pressed, xp = contacts.pressure_mpa > 0, array_namespace_of(contacts.pressure_mpa)
+    return _reach_mm(contacts, *to_numpy_together(xp.any(pressed, axis=1), xp.any(pressed, axis=2)))
+
+
+def _reach_mm(
+    contacts: Contact, by_col: Float64[Array, "batch cols"], by_row: Float64[Array, "batch rows"]
+) -> Float64[Array, "batch 2"]:
+    """Return `reach_mm` of contacts with pressure in these columns and rows."""
+    (x, y), pose = contacts.skin.grid.positions_mm, contacts.pose
+    reach = (
+        np.max(np.abs(axis_mm + np.asarray(middle)[:, None]) * touched, axis=1)
+        for axis_mm, middle, touched in ((x[0], pose.x_mm, by_col), (y[:, 0], pose.y_mm, by_row))
+    )
+    return np.stack(list(reach), axis=1)
 
 
 def require_positive_load(load_n: ScalarPerContact) -> None:

@@ -7,6 +7,7 @@ contact area changes, took as many steps of twice as many transforms. Either the
 given load the depth is the one at which the mean gap under pressure is zero.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,18 +103,20 @@ def solve_pressure(
     constraint: ContactConstraint,
     overlap_mm: ScalarField,
     start: PressureSolution,
-    tolerance_mm: PerContact,
+    tolerance_at: Callable[[PerContact], PerContact],
     max_iterations: int,
 ) -> PressureSolution:
     """Return the pressure under an object.
 
     overlap_mm: how far the object reaches into the skin as it would be without this pressure, negative where it stands
-    clear. start: a first guess that has the given load, best from the step before. A guess within the tolerance is kept; any other
-    is improved to half the tolerance. Stops after `max_iterations` without an error: see the residual.
+    clear. start: a first guess that has the given load, best from the step before. tolerance_at: the residual in mm that counts as
+    solved, by the increase of the depth. A guess within the tolerance is kept; any other is improved to half the tolerance. Stops
+    after `max_iterations` without an error: see the residual.
     """
-    none = 0 * tolerance_mm
+    none = 0 * start.depth_increase_mm
     problem = _PressureProblem(operators, constraint, overlap_mm, none)
     iterate = problem.iterate(start.pressure_mpa, start.indentation_mm, start.step_length)
+    tolerance_mm = tolerance_at(iterate.depth_increase_mm)
     residual = initial = _contact_violation_mm(iterate)
     iterations, unconverged = none, initial > tolerance_mm
     for count in range(max_iterations):

@@ -41,6 +41,17 @@ def to_numpy(values: Any) -> Float[Array, "..."]:
     return np.asarray(to_device(values, "cpu"), dtype=np.float64)
 
 
+def to_numpy_together(*values: Any) -> tuple[Float[Array, "..."], ...]:
+    """Return several arrays of one library as NumPy arrays in double precision, for which a device is waited for only once."""
+    if isinstance(values[0], np.ndarray):
+        return tuple(map(to_numpy, values))
+    xp = array_namespace_of(values[0])
+    together = to_numpy(xp.concat([xp.astype(xp.reshape(one, (-1,)), xp.float64) for one in values]))
+    ends = np.cumsum([np.prod(one.shape, dtype=int) for one in values])
+    parts = np.split(together, ends[:-1])
+    return tuple(part.reshape(one.shape) for part, one in zip(parts, values, strict=True))
+
+
 def forward_transform(field: Any, shape: tuple[int, int]) -> Any:
     """Return the unscaled forward transform of a real field, (…, rows, cols), zero-padded to this shape: (…, rows, half)."""
     fft = _transform_module(field)

@@ -7,10 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from ninedtact.atomic_write import create_folder_atomically, write_file_atomically
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.csv_table import to_csv
 from ninedtact.errors import OutputError
 from ninedtact.recording.errors import RecordingUnreadable
@@ -21,7 +21,6 @@ WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_
 """Names of the six components of a wrench in exported files."""
 _STD_COLUMNS = tuple(f"{name}_std" for name in WRENCH_COLUMNS)
 _TIME_COLUMNS = ("time_s", "monotonic_ns", "wall_ns")
-_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def export_recording(recording: Recording, out: Path, on_image: Callable[[], None] = lambda: None) -> dict[str, int]:
@@ -166,4 +165,4 @@ def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]])
 
 def _write_png(path: Path, image: np.ndarray) -> None:
     path.parent.mkdir(exist_ok=True)
-    write_file_atomically(path, bytes(cv2.imencode(".png", image, _FAST_PNG)[1]))
+    write_file_atomically(path, encode_png(image))

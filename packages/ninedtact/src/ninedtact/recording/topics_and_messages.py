@@ -15,7 +15,6 @@ from functools import cache
 from math import prod
 from typing import Annotated, Any, TypeVar
 
-import cv2
 import msgspec
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
@@ -23,7 +22,7 @@ from msgspec import Meta, Struct
 from numpy import ndarray as Array
 from rosbags.typesys import Stores, get_typestore
 
-from ninedtact.capture.strict_image_reading import decode_image_file
+from ninedtact.capture.strict_image_reading import decode_image_file, encode_png
 from ninedtact.errors import printable_text
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
 
@@ -33,9 +32,6 @@ _OUT_OF_VIEW_16_BIT = -(2**15)
 _COMPRESSED = "/compressed"
 """End of the name of a topic whose images are compressed one by one, as in image_transport of ROS."""
 _COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
-_PNG_PARAMETERS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
-if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12; smaller and twice as fast
-    _PNG_PARAMETERS += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 Fields = TypeVar("Fields")
 _StampNs = Annotated[int, Meta(ge=-(1 << 62), le=1 << 62)]
 CAMERA_FRAME, SKIN_FRAME = "camera", "skin"
@@ -174,7 +170,7 @@ def encode_image(
 ) -> bytes:
     """Return an image message, BGR: as it is, or as a PNG."""
     if images == "png":
-        png = np.frombuffer(cv2.imencode(".png", np.ascontiguousarray(image), _PNG_PARAMETERS)[1], np.uint8)
+        png = np.frombuffer(encode_png(image), np.uint8)
         message = type_store().types[_COMPRESSED_IMAGE_TYPE](
             header=message_header(wall_ns, frame), format="bgr8; png compressed bgr8", data=png
         )

@@ -26,7 +26,7 @@ TYPICAL_GLOBAL_DIMMING = 0.7
 """Relative light lost everywhere per mean darkening of the view, from eight real sensors of five laboratories."""
 TYPICAL_POINT_SPREAD_MM = 0.55
 """Standard deviation of the point spread of the same eight sensors."""
-_SAMPLING_SIDE_PX = 4
+SAMPLING_SIDE_PX = 4
 """Side of the blocks of which the darkening is averaged; darkening is smooth enough for that, and the noise of a mean is small."""
 MIN_DARKENING = 0.012
 """Relative darkening above which a block counts as dark; noise with some drift is less."""
@@ -64,7 +64,7 @@ def _sample_relative_brightness(
     grey: Float32[Array, "rows cols"], reference: Float32[Array, "rows cols"]
 ) -> Float32[Array, "few_rows few_cols"]:
     """Return the mean brightness of blocks relative to that of the reference image."""
-    return block_means(grey, _SAMPLING_SIDE_PX) / np.maximum(block_means(reference, _SAMPLING_SIDE_PX), 1)
+    return block_means(grey, SAMPLING_SIDE_PX) / np.maximum(block_means(reference, SAMPLING_SIDE_PX), 1)
 
 
 def _mean_noticed_darkening(brightness: Float32[Array, "few_rows few_cols"], loss: float) -> float:

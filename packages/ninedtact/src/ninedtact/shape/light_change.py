@@ -39,8 +39,6 @@ _MOST_BRIGHTENED, _MOST_DARKENED = 0.011, 0.0025
 """The most that it makes of it, also of wide and deep presses; what it loses by dimming is less than what displaced gel gains."""
 _GAIN_SPREADS = 0.5
 """Standard deviations of flat skin within which the level is not certain, under deep and wide presses."""
-_FLAT_PER_MM = 0.004
-"""Slope of the smoothed ratio below which skin counts as flat."""
 _MIN_FLAT_SHARE = 0.05
 """Share of flat skin below which no gain is known, as under a pin board."""
 _GAIN_RANGE = 0.8, 1.25
@@ -119,7 +117,10 @@ class LightChange:
         """The same in words, with figures."""
         found = []
         if self.gradient is not None:
-            found.append(f"the light has changed unevenly, by ±{self.gradient.amplitude:.1%} over the view: taken out")
+            size, error = self.gradient.amplitude, self.gradient.error
+            found.append(
+                f"the light has changed unevenly, by ±{size:.1%} over the view: taken out to {error:.1%} of the brightness"
+            )
         if self._has_level_changed:
             done = "taken out" if self.gain != 1 else "not taken out, because hardly any skin is flat"
             gamma = f", gamma {self.gamma:.2f}" if self.gamma != 1 else ""
@@ -176,13 +177,15 @@ class LightCorrection:
             grey = grey / bands.factor[self._lines(bands.along_rows)]
             ratio = block_means(grey, _CELL_PX) / self._reference_on_cells(reference)
             level = _median(ratio[self._seen])
-        gradient = find_light_gradient(ratio / np.float32(level), self._seen, _flat_per_cell(reference))
+        gradient = find_light_gradient(
+            ratio / np.float32(level), self._reference_on_cells(reference), self._seen, _CELL_PX * reference.mm_per_px
+        )
         if gradient is not None:
             grey = grey / gradient.factor(grey.shape)
             ratio = ratio / gradient.factor(ratio.shape)
-            level = _median(ratio[self._seen])
+            level *= gradient.level
         seen = ratio[self._seen]
-        gain, gamma, is_known = self._find_gain(ratio, level, reference)
+        gain, gamma, is_known = self._find_gain(ratio, level, reference, is_certain=gradient is not None)
         if (gain, gamma) != (1.0, 1.0):
             grey = (
                 _apply_gain(grey, 1 / gain, 1.0) if gamma == 1 else _apply_gain(grey / np.float32(gain), 1.0, 1 / gamma)
@@ -207,15 +210,20 @@ class LightCorrection:
         seen = (self.rectify.height_source != HeightSource.OUT_OF_VIEW).astype(np.float32)
         return np.asarray(block_means(seen, _CELL_PX) > 0.99)
 
-    def _find_gain(self, ratio: Cells, level: float, reference: Rectified) -> tuple[float, float, bool]:
-        """Return gain and gamma of the skin that does not move, ones where they hardly changed, and whether they are known."""
-        if abs(level - 1) < self._least_gain_change(ratio, level):
+    def _find_gain(
+        self, ratio: Cells, level: float, reference: Rectified, is_certain: bool
+    ) -> tuple[float, float, bool]:
+        """Return gain and gamma of the skin that does not move, ones where they hardly changed, and whether they are known.
+
+        is_certain: whether the level is that of undisplaced skin; otherwise a press may have made some of its change.
+        """
+        if not is_certain and abs(level - 1) < self._least_gain_change(ratio, level):
             return 1.0, 1.0, True
-        flat = find_flat_skin(ratio / np.float32(level), self._seen, _flat_per_cell(reference))
+        flat = find_flat_skin(ratio / np.float32(level), self._seen, _CELL_PX * reference.mm_per_px)
         if flat.sum() < _MIN_FLAT_SHARE * self._seen.sum():
             return 1.0, 1.0, False
         spread = float(ratio[flat].std()) / level
-        least = self._least_gain_change(ratio, level, spread)
+        least = 0.0 if is_certain else self._least_gain_change(ratio, level, spread)
         if abs(level - 1) < least or not _GAIN_RANGE[0] < level < _GAIN_RANGE[1]:
             return 1.0, 1.0, True
         fit = fit_gamma(ratio[flat], self._reference_on_cells(reference)[flat])
@@ -277,10 +285,6 @@ class LightCorrection:
     @cached_property
     def _raw_cols(self) -> Int[Array, "rows cols"]:
         return np.clip(np.rint(self.rectify.source_px[..., 0]), 0, self.rectify.raw_shape[1] - 1).astype(np.intp)
-
-
-def _flat_per_cell(reference: Rectified) -> float:
-    return _FLAT_PER_MM * _CELL_PX * reference.mm_per_px
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,9 @@
 `sparsh` (Higuera et al. 2024): difference to the image without contact plus one half, 8 bits, turned to portrait, 320 x 240 pixels,
 0 to 1; the present image before that of five images earlier at 60 Hz, along the channels.
 `htt` (Bi et al. 2026): difference to the image without contact over the standard deviation of each channel in its pretraining,
-224 x 224 pixels; the image before first, along a first axis. How its own images were fitted into the square is not published; here
-the whole view is shown, with zeros above and below.
+stretched to 224 x 224 pixels, as its code does with images of other sensors (its own are stored in this size); along a first axis
+the image before and the present one, as in its pretraining, or the present one twice, as for its force and slip. The rate of its
+images is not published.
 `anytouch` (Feng et al. 2025): the image itself, stretched to 224 x 224 pixels, normalised as ImageNet; one image.
 
 Channels are red, green, blue. The image is that on the skin's grid, and its grey levels are all three, because the light of these
@@ -52,8 +53,9 @@ def prepare_model_input(
     if model == "sparsh":
         planes = [_sparsh_plane(one, reference) for one in (image, other)]
         return np.repeat(np.stack(planes), 3, axis=0)
-    difference = np.stack([_letterbox(_difference(one, reference)) for one in (other, image)])
-    return np.asarray(difference[:, None] / (_HTT_STD[:, None, None] + _HTT_LEAST_STD), np.float32)
+    differences = (_difference(one, reference) for one in (other, image))
+    square = np.stack([cv2.resize(one, (_SIDE, _SIDE), interpolation=cv2.INTER_LINEAR) for one in differences])
+    return np.asarray(square[:, None] / (_HTT_STD[:, None, None] + _HTT_LEAST_STD), np.float32)
 
 
 def _sparsh_plane(image: Rectified, reference: Rectified) -> Float32[Array, "320 240"]:
@@ -67,17 +69,6 @@ def _sparsh_plane(image: Rectified, reference: Rectified) -> Float32[Array, "320
 def _difference(image: Rectified, reference: Rectified) -> Float32[Array, "rows cols"]:
     """Return the change of brightness, −1 to 1."""
     return (_to_8_bits(image).astype(np.float32) - _to_8_bits(reference)) / np.float32(255)
-
-
-def _letterbox(field: Float32[Array, "rows cols"]) -> Float32[Array, "side side"]:
-    """Return the whole field in the middle of a square, with zeros around."""
-    rows, cols = field.shape
-    scale = _SIDE / max(rows, cols)
-    fitted = cv2.resize(field, (round(cols * scale), round(rows * scale)), interpolation=cv2.INTER_AREA)
-    square = np.zeros((_SIDE, _SIDE), np.float32)
-    top, left = ((_SIDE - side) // 2 for side in fitted.shape)
-    square[top : top + fitted.shape[0], left : left + fitted.shape[1]] = fitted
-    return square
 
 
 def _to_8_bits(image: Rectified) -> UInt8[Array, "rows cols"]:

@@ -30,7 +30,8 @@ _FAINTEST_DETAIL = 3e-8
 ones less than 0.5e-8."""
 _MIN_FINE = 0.3
 """Sharpness of the fine band below which an image is out of focus: at least 0.5 under motion, noise, gain and gamma."""
-_MIN_COARSE = 0.5
+_MIN_COARSE, _SHARP_FINE = 0.5, 0.5
+_MOVED_PX = 3
 _MAX_BLOCKINESS = 1.5
 """Steps at the borders of blocks of 8 pixels, relative to those between: 2.2 or more in JPEG images of quality 90 and below."""
 _MIN_FINE_SHARE = 0.2
@@ -79,6 +80,19 @@ def measure_sharpness(known: tuple[BgrImage, BgrImage], image: BgrImage) -> Shar
     return Sharpness(fine, coarse / max(_shared_detail(first, second, _COARSE_PX), 1e-12))
 
 
+def lacks_detail_of(known: tuple[BgrImage, BgrImage], sharp: BgrImage, image: BgrImage) -> bool:
+    """Return whether an image, pressed or not, lacks the fine detail of the skin of two known images that a sharp image of the same
+    session shows, wherever within a few pixels the skin has moved meanwhile. False where that cannot be told."""
+    before, now = (measure_sharpness(known, one) for one in (sharp, image))
+    if before is None or now is None or before.fine < _SHARP_FINE or not now.is_lost:
+        return False
+    first, second, detail = (_detail(_log_brightness(one), _FINE_PX) for one in (*known, image))
+    least = _MIN_FINE * _covariance(first, second)
+    reach = range(-_MOVED_PX, _MOVED_PX + 1)
+    moved = (np.roll(detail, (down, right), (0, 1)) for down in reach for right in reach)
+    return all(min(_covariance(one, first), _covariance(one, second)) < least for one in moved)
+
+
 def is_pair_smoothed(first: BgrImage, second: BgrImage) -> bool:
     """Return whether two images of a skin share no fine detail and one lacks the noise of a camera, so that it is blurred."""
     if max(_blockiness(first), _blockiness(second)) > _MAX_BLOCKINESS:
@@ -106,11 +120,16 @@ def _log_brightness(image: BgrImage) -> _Log:
 
 def _shared_detail(first: _Log, second: _Log, band_px: tuple[float, float]) -> float:
     """Return the covariance of two images in a band, the median over tiles, so that what lies on some does not matter."""
-    fields = (
-        cv2.GaussianBlur(image, (0, 0), band_px[0]) - cv2.GaussianBlur(image, (0, 0), band_px[1])
-        for image in (first, second)
-    )
-    product = np.prod([field[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX] for field in fields], axis=0)
+    return _covariance(_detail(first, band_px), _detail(second, band_px))
+
+
+def _detail(image: _Log, band_px: tuple[float, float]) -> _Log:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), band_px[0]) - cv2.GaussianBlur(image, (0, 0), band_px[1]))
+
+
+def _covariance(first: _Log, second: _Log) -> float:
+    """Return the mean product of two fields of detail, the median over tiles."""
+    product = (first * second)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
     down, across = _TILES
     tiles = [tile for row in np.array_split(product, down) for tile in np.array_split(row, across, axis=1)]
     return float(np.median([tile.mean() for tile in tiles]))

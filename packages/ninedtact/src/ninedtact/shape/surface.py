@@ -9,7 +9,7 @@ The measures are the maximum indentation and bulge, contact area, displaced volu
 `contact_mask` decides by a `ContactRule` which pixels are in contact.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -351,13 +351,31 @@ def max_bulge_mm(height: HeightMap) -> float:
     return max(0.0, _extremes_mm(height)[1])
 
 
+def relief_of_deepest_patch_mm(height: HeightMap, scale_mm: float) -> float:
+    """Return by how much the deepest patch is deeper than in the map smoothed over a scale (standard deviation of a Gaussian)."""
+    smooth_mm = cv2.GaussianBlur(_seen_mm(height), (0, 0), scale_mm / height.mm_per_px)
+    smooth = _patch_means_mm(replace(height, z_mm=smooth_mm))
+    means = _patch_means_mm(height)
+    deepest = means.argmin()
+    return max(0.0, float(smooth.flat[deepest] - means.flat[deepest]))
+
+
 def _extremes_mm(height: HeightMap) -> tuple[float, float]:
-    """Return the lowest and the highest mean over patches that overlap by half; what is out of view counts as undeformed."""
-    z_mm, in_view = height.z_mm, height.in_view
-    half = max(min(round(_PATCH_MM / 2 / height.mm_per_px), min(z_mm.shape) // 2), 1)
-    halves = block_means(z_mm if in_view.all() else np.where(in_view, z_mm, np.float32(0)), half)
-    whole = cv2.blur(halves, (2, 2), borderType=cv2.BORDER_REPLICATE)
-    return cv2.minMaxLoc(whole)[:2]
+    """Return the lowest and the highest mean over patches."""
+    return cv2.minMaxLoc(_patch_means_mm(height))[:2]
+
+
+def _patch_means_mm(height: HeightMap) -> Float32[Array, "few_rows few_cols"]:
+    """Return the mean heights of patches that overlap by half."""
+    half = max(min(round(_PATCH_MM / 2 / height.mm_per_px), min(height.z_mm.shape) // 2), 1)
+    halves = block_means(_seen_mm(height), half)
+    return np.asarray(cv2.blur(halves, (2, 2), borderType=cv2.BORDER_REPLICATE))
+
+
+def _seen_mm(height: HeightMap) -> Float32[Array, "rows cols"]:
+    """Return the heights; what is out of view counts as undeformed."""
+    in_view = height.in_view
+    return height.z_mm if in_view.all() else np.where(in_view, height.z_mm, np.float32(0))
 
 
 def _weighted_centre_mm(

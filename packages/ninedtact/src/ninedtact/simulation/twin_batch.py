@@ -1,11 +1,12 @@
 """Many twins of one sensor at once: a step takes poses or loads of all of them and gives presses, wrenches and images as tensors.
 
-All fields stay on the device from step to step. The processor sees the poses, which are a few numbers of each environment, and
-after each round of the solver which contacts have converged. The contacts are those of `Twin.press`, to a tolerance that keeps
-wrenches within a hundredth of the load.
+All fields stay on the device from step to step. The processor waits for it some nine times a step: it sees the poses, where objects
+may touch, after each round of the solver which contacts have converged, and in the end which are refused. The contacts are those of
+`Twin.press`, to a tolerance that keeps wrenches within a hundredth of the load.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.errors import InputError
+from ninedtact.errors import DeviceError, InputError
 from ninedtact.mechanics.active_region import (
     GridRectangle,
     SharedActiveRectangle,
@@ -23,18 +24,21 @@ from ninedtact.mechanics.active_region import (
     rectangle_around_both,
     region_of_rectangle,
 )
-from ninedtact.mechanics.contact_model import SolverSettings, build_contact_problem_at_pose
+from ninedtact.mechanics.contact_model import (
+    SolverSettings,
+    build_contact_problem_at_pose,
+    deepest_of_solved_mm,
+)
 from ninedtact.mechanics.contact_result import (
     Contact,
-    least_gel_mm,
+    contact_limits,
     positive_at_border,
-    reach_mm,
     require_positive_load,
 )
 from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import NO_OBJECT_MM, Indenter
 from ninedtact.mechanics.normal_contact import ContactConstraint
-from ninedtact.mechanics.numpy_or_torch_arrays import drop_grid_axes, max_over_grid, to_numpy
+from ninedtact.mechanics.numpy_or_torch_arrays import max_over_grid, to_numpy
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import ScalarField
 from ninedtact.simulation.press import Press
@@ -115,10 +119,13 @@ class TwinBatch:
 
         poses: x, y, depth in mm, twist, tilt about x and about y in rad, as `Pose`; of any library with DLPack, on any device.
         loads_n: of the linear layer; the depths are first guesses then. Refused environments are undeformed skin in the result, see
-        `refused`. Raises `InputError` for poses of another shape, not finite, or loads that do not press.
+        `refused`. Raises `InputError` for poses of another shape, not finite, or loads that do not press, and `DeviceError` without
+        room for all environments; nothing was stepped then.
         """
-        import torch
+        with self._named_if_memory_is_full():
+            return self._step(poses, loads_n)
 
+    def _step(self, poses: Any, loads_n: Any) -> Press:
         each = self._checked(poses, (self.count, 6), "poses (x, y, depth, twist and two tilts of each)")
         pose, constraint = Pose(*np.ascontiguousarray(each.T)), ContactConstraint()
         if loads_n is not None:
@@ -127,17 +134,14 @@ class TwinBatch:
             sums = wanted_n[:, None, None] / self.twin.model.skin.grid.cell_area_mm2
             constraint = ContactConstraint(self.twin.model.skin.asarray(sums))
         problem = build_contact_problem_at_pose(self._last, self._indenter, pose, constraint, self.twin.friction)
-        refused = np.zeros(self.count, bool)
-        if loads_n is None:
-            deepest_mm = np.asarray(drop_grid_axes(max_over_grid(problem.overlap_mm)))
-            refused = ~(deepest_mm < self.twin.gel.max_depth_mm) | positive_at_border(problem.overlap_mm)
-            if refused.any():
-                flags = torch.from_numpy(refused).to(self.device)[:, None, None]
-                problem = replace(problem, overlap_mm=problem.overlap_mm.masked_fill(flags, -NO_OBJECT_MM))
+        reached_mm = problem.overlap_mm
+        if loads_n is None:  # what would be refused is not solved
+            too_deep = ~(max_over_grid(reached_mm) < self.twin.gel.max_depth_mm)
+            unsolvable = too_deep | positive_at_border(reached_mm)[:, None, None]
+            problem = replace(problem, overlap_mm=reached_mm.masked_fill(unsolvable, -NO_OBJECT_MM))
         solved = self.twin.model.solve(problem, self._region(problem.overlap_mm))
-        refused = refused | self._invalid(solved, np.asarray(problem.deepest_mm(solved)))
         press = self.twin.finish_press(solved, self._indenter)
-        refused = refused | ~(np.asarray(least_gel_mm(press.corrected)) > 0)
+        refused = self._refused(solved, press, pose, reached_mm, loads_n is None)
         if refused.any():
             solved = self._without(solved, refused)
             press = self.twin.finish_press(solved, self._indenter)
@@ -145,7 +149,20 @@ class TwinBatch:
         return press
 
     def images(self, press: Press, noise: bool = True) -> 'UInt8[Tensor, "batch rows cols"]':
-        """Return grey images of all environments on the device, with noise that the twin's seed and the number of the call fix."""
+        """Return grey images of all environments on the device, with noise that the twin's seed and the number of the call fix.
+
+        Raises `InputError` for presses of another batch, and `DeviceError` without room for all images.
+        """
+        if press.corrected.height_mm.shape[0] != self.count:
+            raise InputError(
+                expected=f"the presses of {self.count} environments",
+                got=f"those of {press.corrected.height_mm.shape[0]}",
+                remedy="give what `step` of this batch returned",
+            )
+        with self._named_if_memory_is_full():
+            return self._images(press, noise)
+
+    def _images(self, press: Press, noise: bool) -> 'UInt8[Tensor, "batch rows cols"]':
         import torch
 
         renderer, contacts = self._renderer, press.corrected
@@ -162,6 +179,19 @@ class TwinBatch:
                 )
             found[first : part.stop] = grey.round_().clamp_(0, 255)
         return found
+
+    @contextmanager
+    def _named_if_memory_is_full(self) -> Iterator[None]:
+        import torch
+
+        try:
+            yield
+        except torch.OutOfMemoryError as error:
+            raise DeviceError(
+                expected=f"room for {self.count} environments in the memory of {self.device}",
+                got=str(error).split(". ")[0],
+                remedy="take fewer, a coarser pitch, or end other programs that use it",
+            ) from error
 
     @cached_property
     def _renderer(self) -> BatchRenderer:
@@ -199,11 +229,16 @@ class TwinBatch:
         self._rectangle = rectangle_around_both(last, wanted, self.twin.model.skin.grid.shape)
         return region_of_rectangle(self.twin.model.skin, self._rectangle)
 
-    def _invalid(self, solved: Contact, deepest_mm: Float64[Array, " batch"]) -> Bool[Array, " batch"]:
-        """Return which contacts left grid or gel, came too deep, or were not solved."""
-        beyond_gel = (reach_mm(solved) > np.array(self.twin.gel_mm) / 2).any(axis=1)
-        too_deep = ~(deepest_mm < self.twin.gel.max_depth_mm)
-        return beyond_gel | too_deep | positive_at_border(solved.pressure_mpa) | ~np.isfinite(solved.residual_mm)
+    def _refused(
+        self, solved: Contact, press: Press, pose: Pose, reached_mm: ScalarField, by_depth: bool
+    ) -> Bool[Array, " batch"]:
+        """Return which contacts left grid or gel, came too deep, were not solved, or would leave no gel."""
+        limits = contact_limits(solved, press.corrected, reached_mm)
+        beyond_gel = (limits.reach_mm > np.array(self.twin.gel_mm) / 2).any(axis=1)
+        deepest_mm = deepest_of_solved_mm(solved, pose, limits.max_overlap_mm)
+        too_deep = ~((deepest_mm < self.twin.gel.max_depth_mm) & (limits.least_gel_mm > 0))
+        at_border = limits.at_border | (limits.overlap_at_border & by_depth)
+        return beyond_gel | too_deep | at_border | ~np.isfinite(solved.residual_mm)
 
     def _without(self, contact: Contact, lifted: Bool[Array, " batch"]) -> Contact:
         """Return the contacts with undeformed skin in some environments."""

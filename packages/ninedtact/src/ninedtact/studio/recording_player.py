@@ -5,6 +5,7 @@
 Each viewer has a player of its own, which keeps the time; a `RecordedSensor` is one sensor of the recording. Image, heights,
 wrenches and curves of a moment are those of one stamp of the recording, which is "now" of the curves. Heights that are stored are
 shown as stored; the others are computed against the reference image that the recording has, or against its first ten images.
+The object is followed from the first image on, beside the playing; its path is shown where that has been reached.
 """
 
 from collections import Counter
@@ -38,11 +39,15 @@ from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, 
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.surface import max_indentation_mm
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
+from ninedtact.studio.followed_object import FollowedObject, ObjectFollower
 from ninedtact.studio.page_controller import SILENT_AFTER_MS, PageMoment, SensorMoment, SensorStatusMessage
 from ninedtact.studio.reading_view import ReadingView
 
 CURVE_IMAGES = 600
 """Largest number of images of which the indentation is computed for the curve."""
+FOLLOWED_IMAGES = 6000
+"""Number of images from the first through which the object is followed at most: 100 s at 60 Hz."""
+_NOT_FOLLOWED = FollowedObject()
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 
@@ -163,7 +168,11 @@ class RecordedSensor:
         self._number = -1
         self._view: ReadingView | None = None
         self._closing, self._curve = Event(), list[tuple[int, float]]()
-        self._thread = Thread(target=self._measure_curve, name=f"measure {path.name}", daemon=True)
+        self.followed_until_ns = 0
+        """Stamp of the last image into which the object has been followed."""
+        self._followed = dict[int, FollowedObject]()
+        """What was followed, by the stamps of images."""
+        self._thread = Thread(target=self._measure, name=f"measure {path.name}", daemon=True)
         self._thread.start()
 
     def seek(self, at_ns: int, repetition: int = 0) -> None:
@@ -196,7 +205,9 @@ class RecordedSensor:
         else:
             warnings = () if reading is None else (*reading.reference_warnings, *reading.image_warnings)
             status = SensorStatusMessage("warned" if warnings else "held", "; ".join((state, *warnings)))
-        return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, self.readings.recording.metadata.name)
+        followed = _NOT_FOLLOWED if reading is None else self._followed.get(reading.stamp_ns, _NOT_FOLLOWED)
+        name = self.readings.recording.metadata.name
+        return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, name, followed)
 
     def readings_within(self, span: LabelledSpan | None) -> tuple[RecordedReadings, range]:
         """Return the readings of this sensor anew, to be closed by whoever asks, and the numbers of those in a span, or of all."""
@@ -233,17 +244,28 @@ class RecordedSensor:
         inside = (seconds <= 0) & (seconds > -HISTORY_S)
         return np.stack([seconds[inside], curve[inside, 1]])
 
-    def _measure_curve(self) -> None:
-        """Compute the indentation over the recording, in a thread of its own, with a file of its own."""
+    def _measure(self) -> None:
+        """Compute the indentation over the recording, then follow the object, in a thread of its own, with a file of its own."""
         try:
             with RecordedReadings(self.path, self.shape) as readings:
-                for number in range(0, len(readings), -(-len(readings) // CURVE_IMAGES)):
-                    if self._closing.is_set():
-                        return
-                    height = readings.reading(number).height
-                    self._curve.append((int(readings.stamps_ns[number]), max_indentation_mm(height)))
+                for reading in self._whole_readings(
+                    readings, range(0, len(readings), -(-len(readings) // CURVE_IMAGES))
+                ):
+                    self._curve.append((reading.stamp_ns, max_indentation_mm(reading.height)))
+                follower = ObjectFollower(is_wanted=True)
+                for reading in self._whole_readings(readings, range(min(len(readings), FOLLOWED_IMAGES))):
+                    follower.add(reading)
+                    self._followed[reading.stamp_ns] = follower.at(reading.stamp_ns)
+                    self.followed_until_ns = reading.stamp_ns
         except (NinedtactError, OSError, cv2.error):
-            return  # the curve ends before the damage, which is said where the image itself is asked for
+            return  # both end before the damage, which is said where the image itself is asked for
+
+    def _whole_readings(self, readings: RecordedReadings, numbers: range) -> Iterator[Reading]:
+        """Yield the readings of these numbers until the file is closed."""
+        for number in numbers:
+            if self._closing.is_set():
+                return
+            yield readings.reading(number)
 
 
 class RecordingPlayer:

@@ -88,7 +88,7 @@ class ScenePanel:
 
     def __init__(self, viewer: ViewerPage) -> None:
         self._viewer = viewer
-        self._drawn: dict[int, tuple[int, ViewOptions]] = {}
+        self._drawn: dict[int, tuple[int, int, ViewOptions]] = {}
         self._stood = 0 if viewer.is_narrow else 1
 
     def build(self, gui: GuiApi) -> None:
@@ -150,9 +150,10 @@ class ScenePanel:
         first = moment.wrenches[0].sample if moment.wrenches and not is_past else None
         scene.show_wrench(None if first is None else first.wrench)
         is_profiled = number == self._viewer.profiled_sensor
-        if self._drawn.get(number) == (id(view), options):
+        drawn = id(view), moment.followed.stamp_ns, options
+        if self._drawn.get(number) == drawn:
             return
-        self._drawn[number] = id(view), options
+        self._drawn[number] = drawn
         scene.exaggerate(options.exaggeration)
         as_points = options.colouring is not SkinColouring.PLAIN
         scene.show_surface(view.surface(options.colouring, options.coarser, options.source), as_points, is_past)

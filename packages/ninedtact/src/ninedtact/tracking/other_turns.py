@@ -47,4 +47,4 @@ def _is_another(other: RegistrationResult | None, found: RegistrationResult) -> 
     limit_mm = _WORSE * max(found.rms_mm, LEAST_DISTANCE_MM)
     if other is None or other.rms_mm > limit_mm or other.overlap < _LESS * found.overlap:
         return False
-    return abs(other.motion.after(found.motion.inverse).yaw_rad) > _OTHER_RAD
+    return bool(abs(other.motion.after(found.motion.inverse).yaw_rad) > _OTHER_RAD)

@@ -56,7 +56,7 @@ class SequenceTracker:
             motion = self._tracker.update(reading)
             is_known = motion.state == TrackState.TRACKED
             force_n = reading.wrench.force_n if is_known and reading.wrench is not None else np.full(3, np.nan)
-            normal = 0.0 if motion.state == TrackState.NO_CONTACT else -float(force_n[2])
+            normal = 0.0 if motion.ends_path else -float(force_n[2])
             self._samples.append(SlipSample(time_s, motion.moved_mm, force_n[:2], normal))
         self._images.append((index, time_s, motion, force_n))
         self._sample_of_image.append(len(self._samples) - 1)

@@ -25,6 +25,8 @@ _FIRM = 0.3
 """Part of the greatest normal load from which images count for the noise; light contacts have more."""
 _NOISE_PART = 0.5
 """Part of the measured noise that is passed to `SlipEstimator`, whose thresholds are made for errors alike in several images."""
+_PASSES = 2
+"""What the first pass learnt of friction is known from the beginning of the second."""
 _LEAST_DISPLACEMENT_STD, _LEAST_RELATIVE_LOAD_STD = 0.004, 0.003
 """Errors that are assumed at least: mm, and over the median normal load."""
 
@@ -50,13 +52,21 @@ def slip_of_sequence(samples: Sequence[SlipSample]) -> list[SlipEstimate]:
         values[run] = _smooth(values[run], images)
     displacement_std = max(_NOISE_PART * left * displacement_noise, _LEAST_DISPLACEMENT_STD)
     load_std = max(_NOISE_PART * left * load_noise, least_load)
-    estimator, found = SlipEstimator(), list[SlipEstimate]()
-    for sample, row, touches in zip(samples, values, is_touching, strict=True):
-        if not touches:
-            found.append(SlipEstimate() if np.isnan(sample.normal) else estimator.release())
-            continue
-        smooth = replace(sample, displacement=row[:2], tangential=row[2:4], normal=float(row[4]))
-        found.append(estimator.update(replace(smooth, displacement_std=displacement_std, load_std=load_std)))
+    smooth = [
+        replace(
+            sample,
+            displacement=row[:2],
+            tangential=row[2:4],
+            normal=float(row[4]) if touches else sample.normal,
+            displacement_std=displacement_std,
+            load_std=load_std,
+        )
+        for sample, row, touches in zip(samples, values, is_touching, strict=True)
+    ]
+    estimator = SlipEstimator()
+    for _ in range(_PASSES):
+        found = [estimator.release() if one.normal <= 0 else estimator.update(one) for one in smooth]
+        estimator.release()
     return found
 
 
@@ -88,10 +98,10 @@ def _gaussian(images: float) -> Float[Array, " taps"]:
 
 
 def _smooth(values: Float[Array, "n k"], images: float) -> Float[Array, "n k"]:
-    """Return values smoothed along the first axis; the first and the last are repeated beyond the ends."""
+    """Return values smoothed along the first axis; beyond the ends they go on as they came, mirrored about a point."""
     if images == 0 or len(values) < _LEAST_IMAGES:
         return values
     weight = _gaussian(images)
     reach = len(weight) // 2
-    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
+    padded = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
     return np.stack([np.convolve(column, weight, mode="valid") for column in padded.T], axis=1)

@@ -4,13 +4,14 @@ A file consists of sessions (`press_session.py`), each of some fifty pairs with 
 
 Every file depends on the settings and its own number alone, and is written completely or not at all. A run that was killed
 therefore continues with the missing files and ends with the same bytes. Files are made in processes of this machine or on a
-cluster (`parallel_jobs`). A GPU is used by one process, which advances many sessions together.
+cluster (`parallel_jobs`). A GPU is used by one process, which advances many sessions together; of a cluster by one worker each.
 
 On a GPU, which sessions form one batch depends on the settings and on the batch size, never on the files that exist already:
 arithmetic on a device rounds by the shape of its batch, and a continued run must end with the same bytes. A batch with missing
 files is therefore computed again as a whole, and only those files are written.
 """
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,6 +25,7 @@ import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
 from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import DaskCluster, Workers, require_workers, run_writing_jobs
@@ -51,7 +53,7 @@ from ninedtact_train.dataset.folder import (
 )
 from ninedtact_train.dataset.generation.press_session import SimulatedPressSession, load_object
 from ninedtact_train.dataset.generation.settings import GenerationSettings
-from ninedtact_train.dataset.parquet_files import encode_png, write_pair_file, write_reference_images_file
+from ninedtact_train.dataset.parquet_files import write_pair_file, write_reference_images_file
 from ninedtact_train.dataset.schema import ReferenceImage
 from ninedtact_train.population.sensor_population import rectified_renderer
 
@@ -105,7 +107,8 @@ def generate_dataset(
     Args:
         out: folder of the data set: new, empty, or begun with the same settings.
         settings: everything that decides about the pairs.
-        workers: number of processes, or with a GPU number of threads that make noise and PNG files; or a cluster of processors.
+        workers: number of processes, or with a GPU number of threads that make noise and PNG files; or a cluster of
+            processors, or of workers with a GPU each.
         progress: whether to show a progress bar.
         device: a name that `choose_compute_device` knows.
         sessions_per_batch: number of sessions that a GPU advances together.
@@ -126,6 +129,10 @@ def generate_dataset(
     missing = [number for number, file in enumerate(files) if not file.is_file()]
     if on.is_batched and isinstance(workers, int):
         pair_counts = _make_files_in_batches(files, missing, settings, on, sessions_per_batch, workers, notify)
+    elif on.is_batched:
+        each = [sorted(set(missing).intersection(batch)) for batch in _batches_of_files(settings, sessions_per_batch)]
+        on_cards = [(settings, numbers, on.name, sessions_per_batch) for numbers in each if numbers]
+        pair_counts = (pairs for _, pairs in run_writing_jobs(generate_batch, out / "data", on_cards, workers))
     else:
         jobs = [(files[number].name, settings, number) for number in missing]
         pair_counts = (pairs for _, pairs in run_writing_jobs(generate_file, out / "data", jobs, workers))
@@ -140,16 +147,19 @@ def generate_dataset(
 
 
 def _select_device(name: str, workers: Workers) -> Device:
-    """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceError`."""
+    """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceError`.
+
+    The workers of a cluster look for their GPU themselves.
+    """
     if not isinstance(workers, DaskCluster):
         return choose_compute_device(name)
-    if name not in ("auto", "cpu"):
+    if name not in ("auto", "cpu", "cuda", "torch-cpu"):
         raise InputError(
-            expected="--device cpu together with --cluster",
+            expected="--device cpu or cuda together with --cluster",
             got=f"{name}",
-            remedy="a GPU is used by one process, so drop one of the two",
+            remedy="let each worker see one GPU, by CUDA_VISIBLE_DEVICES",
         )
-    return choose_compute_device("cpu")
+    return Device("cpu" if name == "auto" else name)
 
 
 def begin_generation(out: Path, settings: GenerationSettings, stored: Mapping[str, Any]) -> None:
@@ -197,6 +207,22 @@ def generate_file(folder: Path, name: str, settings: GenerationSettings, number:
     return len(rows)
 
 
+def generate_batch(
+    folder: Path, settings: GenerationSettings, numbers: Sequence[int], device: str, sessions_per_batch: int
+) -> int:
+    """Make files of one batch on a device and return how many pairs they have; raises `DeviceError`, `FileNotWritten`."""
+    files = [folder / pair_file(folder, number, settings.files).name for number in range(settings.files)]
+    on, threads = choose_compute_device(device), os.cpu_count() or 1
+    return sum(_make_files_in_batches(files, numbers, settings, on, sessions_per_batch, threads, warn))
+
+
+def _batches_of_files(settings: GenerationSettings, sessions_per_batch: int) -> Iterator[range]:
+    """Yield the files that are made together on one device: whole ones; a file with more sessions is a batch of its own."""
+    files_per_batch = max(1, sessions_per_batch // settings.sessions_per_file)
+    for first in range(0, settings.files, files_per_batch):
+        yield range(first, min(first + files_per_batch, settings.files))
+
+
 def _make_files_in_batches(
     files: Sequence[Path],
     missing: Sequence[int],
@@ -208,13 +234,10 @@ def _make_files_in_batches(
 ) -> Iterator[int]:
     """Make the missing files in batches of sessions on one device; yield numbers of new pairs from time to time.
 
-    A batch consists of whole files; a file with more sessions is a batch of its own. Every file is written when its last session
-    has ended.
+    Every file is written when its last session has ended.
     """
     executor: BatchExecutor | None = None
-    files_per_batch = max(1, sessions_per_batch // settings.sessions_per_file)
-    for first in range(0, len(files), files_per_batch):
-        batch = range(first, min(first + files_per_batch, len(files)))
+    for batch in _batches_of_files(settings, sessions_per_batch):
         unwritten = {number for number in batch if number in missing}
         if not unwritten:
             continue

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_result import ContactLeavesGrid, NonPositiveLoad
@@ -27,7 +28,6 @@ from ninedtact.simulation.twin import ContactLeavesGel, PoseOutOfView
 from ninedtact_train.batched.session_requests import RenderRequest, RequestGenerator, SimulatedSetup, StepRequest
 from ninedtact_train.collecting.training_pair_rule import SamplingRule
 from ninedtact_train.dataset.generation.settings import GenerationSettings, PressSettings, PressTarget
-from ninedtact_train.dataset.parquet_files import encode_png
 from ninedtact_train.dataset.schema import DatasetRow
 
 _STEP_NS = 100_000_000

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import InputError, SimulationError
 from ninedtact.mechanics.indenter import Indenter
@@ -26,7 +27,7 @@ from ninedtact_train.dataset.folder import CARD_FILE, pair_file
 from ninedtact_train.dataset.generation.generate import GenerationResult, begin_generation, cached_setup
 from ninedtact_train.dataset.generation.press_session import CONTACT_LOST, load_object, max_offset_mm
 from ninedtact_train.dataset.generation.settings import SequenceSettings
-from ninedtact_train.dataset.parquet_files import encode_png, write_sequence_file
+from ninedtact_train.dataset.parquet_files import write_sequence_file
 from ninedtact_train.dataset.schema import DatasetRow, MotionTruth
 
 _FEWEST_IMAGES, _MOST_ATTEMPTS = 40, 20

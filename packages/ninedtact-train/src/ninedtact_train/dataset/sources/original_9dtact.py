@@ -20,13 +20,12 @@ from numpy import ndarray as Array
 
 from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.capture.frame_source import natural_sort_key
-from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image
+from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, encode_png, read_image
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError, InputError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels
 from ninedtact_train.collecting.training_pair_rule import wrench_limits
 from ninedtact_train.dataset.fault_report import PairFault, PairFinding
-from ninedtact_train.dataset.parquet_files import encode_png
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, SourceItem
 from ninedtact_train.dataset.sources.source import Source
 

@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.frame_source import SourceIncomplete
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.quantities import NO_OBJECT, Frame
 from ninedtact.shape.calibrated_shape import mean_rectified_image
@@ -37,7 +38,6 @@ from ninedtact_train.dataset.parquet_files import (
     StoredImageUnreadable,
     decode_stored_image,
     decode_stored_wrench,
-    encode_png,
     iterate_rows,
     stored_image_bytes,
 )

@@ -50,7 +50,7 @@ from ninedtact.calibration.brightness_change import (
 from ninedtact.calibration.sensor_toml_schema import MAX_MISSING_FRACTION
 from ninedtact.calibration.settings import LensKind
 from ninedtact.design import PinBoard, SensorDesign
-from ninedtact.errors import InputError
+from ninedtact.errors import CalibrationError, InputError
 from ninedtact.quantities import BgrImage
 from ninedtact.shape.lens_and_rectification import (
     Area,
@@ -69,6 +69,10 @@ _REFINEMENT_ITERATIONS = 4
 _PITCH_PER_PIN = PinBoard().pitch_mm / PinBoard().pin_diameter_mm
 """Largest pitch, in diameters of a pin, by which an imprint is measured."""
 SMOOTHING_PX = 1.0
+
+
+_CONTINUED_SHARE = 0.6
+"""Share of the pins of another row or column from which on it is one."""
 
 
 @dataclass(frozen=True)
@@ -205,6 +209,7 @@ def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, 
         _require_enough_pins(change, board, nodes, found, points_px, candidate)
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)
         strays[np.flatnonzero(found)[find_stray_pins(fit, board)]] = True
+    _require_no_more_pins(image, noise, board, candidate, fit.lens, points_mm)
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
     return _add_correction(
         BoardFit(board, candidate.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
@@ -238,6 +243,29 @@ def _require_enough_pins(
         raise make_board_not_found_error(
             change, board, max(points_px[found], candidate.consistent_spots_px(board), key=len), candidate
         )
+
+
+def _require_no_more_pins(
+    image: Float32[Array, "rows cols"],
+    noise: float,
+    board: PinBoard,
+    candidate: BoardCandidate,
+    lens: LensModel,
+    board_mm: Points,
+) -> None:
+    """Refuse a board whose pins go on beyond the design's, which leaves open which of them is its middle."""
+    cols, rows = lattice_size(board, candidate.mounting)
+    sides = [[(column, row) for row in range(rows)] for column in (-1, cols)]
+    sides += [[(column, row) for column in range(cols)] for row in (-1, rows)]
+    for nodes in sides:
+        points_mm = lattice_to_skin_mm(np.array(nodes), board, candidate.mounting, candidate.mirrored)
+        found = measure_pins(image, lens, np.concatenate([board_mm, points_mm]), noise, board)[2]
+        if found[len(board_mm) :].mean() > _CONTINUED_SHARE:
+            raise CalibrationError(
+                expected=f"{board.count} pins ({board.cols} x {board.rows})",
+                got="a board with another row or column of pins beside them",
+                remedy="state the numbers of the board that was pressed (--design.pin-board.rows, --design.pin-board.cols)",
+            )
 
 
 def build_rectification(board: BoardFit, design: SensorDesign, kind: LensKind = "model") -> Rectification:

@@ -2,6 +2,7 @@
 `render_certificate_html` takes a `Calibration` and returns the page; `render_page` fills a template, also that of a comparison.
 """
 
+import re
 from base64 import b64encode
 from collections.abc import Mapping
 from typing import Any
@@ -21,16 +22,19 @@ from ninedtact.calibration.certificate.plot_ball import (
     plot_twin_residual,
 )
 from ninedtact.calibration.certificate.plot_board import plot_leave_one_out_errors, plot_pin_detection
+from ninedtact.calibration.gel_fit_to_known_loads import MODULUS_STD
 from ninedtact.calibration.procedure import Calibration
 from ninedtact.calibration.sensor_toml_schema import (
     BallQuality,
     BoardPressFitTable,
     BoardQuality,
+    KnownLoadTable,
     SecondBallQuality,
     SensorTomlRecord,
     TwinTable,
 )
 from ninedtact.design import SensorDesign
+from ninedtact.force.estimator_and_scale import UNCALIBRATED
 
 BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
 BALL_IMAGES = {
@@ -47,6 +51,8 @@ DEPTH_METHOD_TEXT = {
 }
 UNITS = ("mm", "px", "deg")
 Rows = list[tuple[str, str]]
+_FORCE_SECTION = re.compile(r'<section id="force">.*?</section>', re.DOTALL)
+_TYPICAL_LOAD_N = 5.0
 
 
 def render_certificate_html(calibration: Calibration) -> str:
@@ -70,7 +76,14 @@ def render_certificate_html(calibration: Calibration) -> str:
         ],
         twin_rows=_twin_table_rows(record.twin) if record.twin else [],
         design_rows=_design_table_rows(record.design),
+        **_force_section_values(record),
     )
+
+
+def replace_force_section(page: str, record: SensorTomlRecord) -> str:
+    """Return a certificate with what is known of the force after its calibration, in place of what it said before."""
+    section = render_page("force_section.html.jinja", {}, **_force_section_values(record))
+    return _FORCE_SECTION.sub(lambda match: section.strip(), page)
 
 
 def render_page(template: str, images: Mapping[str, bytes], **values: Any) -> str:
@@ -212,8 +225,49 @@ def _second_ball_table_rows(second: SecondBallQuality | None) -> Rows:
         ("second ball, depth", f"{second.max_indentation_mm:.3f} ± {second.max_indentation_std_mm:.3f} mm"),
         ("second ball, residual (RMS)", f"{second.residual_rms_grey_levels:.2f} grey levels"),
         ("depth of the first ball, with the second", f"± {second.first_std_mm:.3f} mm"),
-        ("the same without the second", f"± {second.first_std_alone_mm:.3f} mm"),
+        ("the same without the second", f"{second.first_alone_mm:.3f} ± {second.first_std_alone_mm:.3f} mm"),
     ]
+
+
+def _force_section_values(record: SensorTomlRecord) -> dict[str, Any]:
+    """Return the sentence and the table on the force of the sensor; an empty table where nothing is known of its gel."""
+    twin, known = record.twin, record.known_loads
+    if twin is None:
+        return {"force_sentence": "", "force_rows": []}
+    gel, error = twin.gel, UNCALIBRATED.error if known is None else known.error
+    ratio = twin.fit.parameters.get("gel_to_base_modulus_ratio")
+    ratio_std = (None if ratio is None else ratio.std) if known is None else known.modulus_ratio_std
+    rows = [
+        (
+            f"a load of {_TYPICAL_LOAD_N:g} N is read to",
+            f"± {_TYPICAL_LOAD_N * error:.1f} N, and the error of its own image",
+        ),
+        (
+            "shear modulus of the gel",
+            f"{gel.shear_modulus_mpa:.3f} MPa ± {MODULUS_STD if known is None else known.modulus_std:.0%}",
+        ),
+        ("modulus of the gel over that of its base", _ratio_in_words(gel.gel_to_base_modulus_ratio, ratio_std)),
+        ("shear beside pressure (Fx, Fy, Tz)", _shear_in_words(known)),
+    ]
+    if known is None:
+        sentence = (
+            f"Not calibrated with known loads: the modulus of the gel is that of its design, and all forces share an error of "
+            f"± {error:.0%}. A kitchen scale tells it: ninedtact adapt."
+        )
+    else:
+        presses = "one known load" if known.presses == 1 else f"{known.presses} known loads"
+        sentence = f"Calibrated with {presses}: all forces like these share an error of ± {error:.0%}."
+    return {"force_sentence": sentence, "force_rows": rows}
+
+
+def _ratio_in_words(ratio: float, std: float | None) -> str:
+    return "rigid base by design" if ratio == 0 else f"{ratio:.3f}" + ("" if std is None else f" ± {std:.3f}")
+
+
+def _shear_in_words(known: KnownLoadTable | None) -> str:
+    if known is None or known.shear_std == 0:
+        return "as the mechanics say; only a force/torque sensor would test it"
+    return f"{known.shear_factor:.2f} times what the mechanics say, ± {known.shear_std:.0%}"
 
 
 def _twin_table_rows(twin: TwinTable) -> list[tuple[str, str, str]]:

@@ -40,10 +40,10 @@ from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified
 from ninedtact.shape.deblurring import block_means
 from ninedtact.shape.depth import DepthCurve
-from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_light_unevenness
+from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, ImageImplausible, border_light_unevenness
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification, to_grey_float
 from ninedtact.shape.light_change import GammaFit, fit_gamma
-from ninedtact.shape.sharpness import Sharpness, is_smoother, measure_sharpness
+from ninedtact.shape.sharpness import Sharpness, is_smoother, lacks_detail_of, measure_sharpness
 from ninedtact.shape.skin_identity import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 
 FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
@@ -432,6 +432,17 @@ class ReferenceImageChecker:
         """Raise `InputError` for frames with a fault, and what `find_faults` raises."""
         for fault in self.find_faults(frames):
             raise reference_image_error("the reference images", self.sensor, fault)
+
+    def require_in_focus(self, name: str, image: BgrImage, references: Sequence[Frame]) -> None:
+        """Raise `ImageImplausible` for a raw image that lacks the detail of the calibrated skin, which its references show."""
+        if self.known is None or not references:
+            return
+        known = self.known.lens_image, self.known.depth_image
+        if lacks_detail_of(known, average_images([np.asarray(frame.image) for frame in references]), image):
+            raise ImageImplausible(
+                f"{name}: expected an image as sharp as its reference image, got one that is out of focus or moved during its "
+                "exposure; switch the camera's autofocus off, hold the sensor still, and take it again"
+            )
 
     def read_images(self, paths: Sequence[Path]) -> list[Frame]:
         """Read the reference images of a session from files; raises `InputError` and what reading an image raises."""

@@ -27,7 +27,6 @@ from ninedtact.calibration.twin.fit_parameters import (
     join_presses,
     model_error_share,
     parameter_bounds,
-    parameter_covariance,
     split_by_press,
 )
 from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, estimate_ball_radius_from_fit
@@ -111,8 +110,6 @@ class TwinFit:
     duration_s: float
     further: tuple[FurtherPressFit, ...] = ()
     """The other presses that were fitted together with this one."""
-    depth_std_share: float = 1.0
-    """Standard deviation of the depth over that which this press would have alone."""
 
     @cached_property
     def parameters(self) -> dict[str, float]:
@@ -259,41 +256,7 @@ def fit_twin_to_ball_press(
         base,
         perf_counter() - start_s,
         tuple(further_fits),
-        _depth_std_share(problem, jacobian, residual, observations, not design.gel.has_rigid_base),
     )
-
-
-def _depth_std_share(
-    problem: JointPressProblem,
-    jacobian: Float[Array, "rows parameters"],
-    residual: Float[Array, " n"],
-    observations: list[float],
-    has_model_error: bool,
-) -> float:
-    """Return the standard deviation of the depth of the first press over that which it would have alone, to first order."""
-    if len(problem.presses) == 1:
-        return 1.0
-    first = problem.rows[0]
-    with_priors = [*range(first.stop), *range(problem.row_count, len(jacobian))]
-    alone = jacobian[with_priors][:, : len(PARAMETER_NAMES)]
-    model_std = MODULUS_RATIO_MODEL_STD if has_model_error else 0.0
-    joint_std = model_std * model_error_share(jacobian, problem.rows)
-    return _depth_std_mm(jacobian, residual, sum(observations), joint_std) / _depth_std_mm(
-        alone, residual[first], observations[0], model_std
-    )
-
-
-def _depth_std_mm(
-    jacobian: Float[Array, "rows parameters"], residual: Float[Array, " n"], observations: float, model_std: float
-) -> float:
-    """Return the standard deviation of the depth of the first press to first order.
-
-    model_std: standard deviation of the base that the images cannot reduce.
-    """
-    covariance = parameter_covariance(jacobian, residual, observations)
-    depth = PARAMETER_NAMES.index("depth_mm")
-    model_error = model_std * covariance[depth, BASE_INDEX] / covariance[BASE_INDEX, BASE_INDEX]
-    return float(np.hypot(np.sqrt(covariance[depth, depth]), model_error))
 
 
 def _search_from_circles(

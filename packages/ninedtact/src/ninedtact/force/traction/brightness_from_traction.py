@@ -2,35 +2,55 @@
 
 Tractions are in units of the shear modulus, so that everything here depends on the gel's geometry alone. `ForwardModel` computes
 whole fields by Fourier transforms; `InfluenceKernels` gives the response to single cells, from which the inversion builds its
-matrices.
+matrices. `ForwardModel` takes single fields or batches, in NumPy or torch (`ForwardModel.like`).
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Complex64, Float32, Int
+from jaxtyping import Complex64, Float, Float32, Int
 from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ninedtact.design import Gel
 from ninedtact.force.traction.observation import CellGrid
 from ninedtact.mechanics.finite_strain import finite_strain_stiffening, finite_strain_thickening_mm
-from ninedtact.mechanics.numpy_or_torch_arrays import forward_transform, inverse_transform
+from ninedtact.mechanics.numpy_or_torch_arrays import (
+    array_namespace_of,
+    forward_transform,
+    inverse_transform,
+    max_over_grid,
+)
 from ninedtact.mechanics.skin import Skin
 
-View = Float32[Array, "rows cols"]
-SkinField = Float32[Array, "skin_rows skin_cols"]
-Tractions = Float32[Array, "3 rows cols"]
+View = Float32[Any, "*batch rows cols"]
+SkinField = Float32[Any, "*batch skin_rows skin_cols"]
+Tractions = Float32[Any, "*batch 3 rows cols"]
 """Pressure, and shear along x and along y, over the shear modulus."""
 Indices = Int[Array, " n"]
 
+PARTS_OF_CELL = 3
+"""Number of parts along each side of a cell to which the brightness law is applied."""
 _SMALLEST_WEIGHT = 1e-9
 _EDGE_THINNING = 0.1
 """Thinning over the gel's thickness from which gel under pressure lies wholly under the object: little pressure that the inversion
 puts beside the contact, where the gel is thicker, does not make it a part of the contact."""
 _SCATTERING_REACH = 3.0
 """Distance, in standard deviations of the point-spread, from which scattered light still reaches the view."""
+
+
+@runtime_checkable
+class Sight(Protocol):
+    """How skin was observed along lines of sight (`observation.LinesOfSight`)."""
+
+    def follow(self, field: SkinField, height_mm: SkinField, /) -> SkinField:
+        """Return a field of the skin where the lines of sight through the points of its grid meet it."""
+
+    def observe(self, change: View, /) -> View:
+        """Return the change of brightness that is observed on the cells, of that on lines of sight."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +62,8 @@ class DeformedSkin:
     """Change of the gel's thickness, that at finite strain included."""
     stiffening: SkinField
     """Ratio of the tractions at finite strain to those of the linear gel."""
-    nonlinear_mm: SkinField
-    """The part of the change of thickness that is not linear in the tractions."""
+    linear_mm: SkinField
+    """The change of thickness of the linear gel."""
 
 
 @dataclass(frozen=True)
@@ -55,97 +75,141 @@ class ForwardModel:
     """Its shear modulus does not count: tractions are in units of it."""
     point_spread_mm: float
     """Standard deviation of the point-spread."""
+    like: Any = field(default_factory=lambda: np.zeros((), np.float32), compare=False, repr=False)
+    """An array whose library and device the fields have."""
 
     @cached_property
-    def compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+    def compliance(self) -> Complex64[Any, "3 skin_rows half"]:
         """Change of the gel's thickness over pressure and over shear along x and y, per wave vector."""
         return self._height_compliance - self._interface_compliance
 
     @cached_property
-    def _height_compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+    def _height_compliance(self) -> Complex64[Any, "3 skin_rows half"]:
         """Height over pressure and over shear along x and y, per wave vector."""
         parts = self._skin.fourier_symbols
         return self._on_cells(-parts["normal"] + 0j, 1j * parts["bulge_x"], 1j * parts["bulge_y"])
 
     @cached_property
-    def _interface_compliance(self) -> Complex64[Array, "3 skin_rows half"]:
+    def _interface_compliance(self) -> Complex64[Any, "3 skin_rows half"]:
         """Height of the gel's bottom over pressure and over shear along x and y, per wave vector."""
         return self._on_cells(*self._skin.interface_symbols)
 
     @cached_property
-    def _tangential_compliance(self) -> Complex64[Array, "2 3 skin_rows half"]:
+    def tangential_compliance(self) -> Complex64[Any, "2 3 skin_rows half"]:
         """Displacement of the skin along x and y over pressure and over shear along x and y, per wave vector."""
         parts = self._skin.fourier_symbols
         along_x = self._on_cells(1j * parts["bulge_x"], parts["xx"], parts["xy"])
         along_y = self._on_cells(1j * parts["bulge_y"], parts["xy"], parts["yy"])
-        return np.stack([along_x, along_y])
-
-    @cached_property
-    def sticking_shear(self) -> Complex64[Array, "2 skin_rows half"]:
-        """Shear along x and y over pressure, per wave vector, that keeps the skin from moving sideways.
-
-        Pressure spreads the gel outwards. Skin that sticks to the object does not follow, so that the object pulls it inwards.
-        """
-        parts = self._skin.fourier_symbols
-        determinant = parts["xx"] * parts["yy"] - parts["xy"] ** 2
-        along_x = (parts["yy"] * parts["bulge_x"] - parts["xy"] * parts["bulge_y"]) / determinant
-        along_y = (parts["xx"] * parts["bulge_y"] - parts["xy"] * parts["bulge_x"]) / determinant
-        return self._on_cells(-1j * along_x, -1j * along_y)
+        return array_namespace_of(along_x).stack([along_x, along_y])
 
     @cached_property
     def _skin(self) -> Skin:
         """The periodic skin of a gel with a shear modulus of one."""
-        return Skin(self.cells.patch, replace(self.gel, shear_modulus_mpa=1.0), np.zeros(()))
+        return Skin(self.cells.patch, replace(self.gel, shear_modulus_mpa=1.0), self.like)
 
-    def _on_cells(self, *symbols: Array) -> Complex64[Array, "symbols skin_rows half"]:
-        """Return symbols for tractions that are uniform over cells: those of points times the sinc of each axis."""
-        wave_x, wave_y = self.cells.patch.wave_vectors
-        turns = self.cells.pitch_mm / (2 * np.pi)
-        return (np.stack(symbols) * np.sinc(wave_x * turns) * np.sinc(wave_y * turns)).astype(np.complex64)
+    def _on_cells(self, *symbols: Array) -> Complex64[Any, "symbols skin_rows half"]:
+        """Return symbols as one array. Tractions between the middles of cells are those of their Fourier series.
+
+        Were they uniform over cells, they would be smoother than they are, and loads read too large where they end.
+        """
+        waves = np.stack(symbols)
+        return self._skin.asarray(waves.real) + 1j * self._skin.asarray(waves.imag)
 
     @cached_property
-    def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
+    def point_spread(self) -> tuple[Float32[Any, "rows skin_rows"], Float32[Any, "skin_cols cols"]]:
         """Weights with which light scatters from the skin into the cells of the view, one axis at a time."""
+        return self._scattering_from([self.cells.offsets(axis) for axis in (0, 1)], 1)
+
+    def _scattering_from(
+        self, places: list[Float[Array, " _"]], parts: int
+    ) -> tuple[Float32[Any, "rows down"], Float32[Any, "across cols"]]:
+        """Return the weights with which light scatters into the view from parts of cells at these places on both axes."""
         # The signal of a cell is the mean over a cell, which is a point spread of variance pitch²/12 on each axis.
-        sigma_mm = float(np.hypot(self.point_spread_mm, self.cells.pitch_mm / np.sqrt(12)))
-        down, across = (_gaussian_weights(self.cells, axis, sigma_mm) for axis in (0, 1))
-        return down, np.ascontiguousarray(across.T)
+        width = float(np.hypot(self.point_spread_mm / self.cells.pitch_mm, 1 / np.sqrt(12)))
+        sides = zip(self.cells.shape, places, strict=True)
+        down, across = (_gaussian_weights(cells, place, width, parts) for cells, place in sides)
+        return self._skin.asarray(down), self._skin.asarray(across.T)
+
+    @cached_property
+    def around(self) -> tuple[int, int]:
+        """Numbers of cells of the skin above the view and left of it from which light scatters into it."""
+        wanted = int(np.ceil(_SCATTERING_REACH * self.point_spread_mm / self.cells.pitch_mm))
+        sides = zip(self.cells.patch.shape, self.cells.shape, strict=True)
+        down, across = (min(wanted, (skin - view) // 2) for skin, view in sides)
+        return down, across
+
+    @cached_property
+    def _part_places(self) -> list[Float[Array, " _"]]:
+        """Places on both axes of the parts of the cells that scatter light into the view, in cells from its first one."""
+        return [
+            (np.arange(-beyond * PARTS_OF_CELL, (side + beyond) * PARTS_OF_CELL) + 0.5) / PARTS_OF_CELL - 0.5
+            for side, beyond in zip(self.cells.shape, self.around, strict=True)
+        ]
+
+    @cached_property
+    def _refining(self) -> tuple[Float32[Any, "down skin_rows"], Float32[Any, "skin_cols across"]]:
+        """Weights of the interpolation from cells to their parts, one axis at a time."""
+        down, across = map(_interpolation_weights, self._part_places, self.cells.patch.shape)
+        return self._skin.asarray(down), self._skin.asarray(across.T)
+
+    @cached_property
+    def _part_scattering(self) -> tuple[Float32[Any, "rows down"], Float32[Any, "across cols"]]:
+        return self._scattering_from(self._part_places, PARTS_OF_CELL)
+
+    def observed_change(self, law: Callable[[SkinField], SkinField], skin: DeformedSkin, sight: Sight | None) -> View:
+        """Return the change of brightness that is observed on the cells.
+
+        Brightness has a kink where gel is neither thinner nor thicker, and skin appears displaced by its height. The law is
+        therefore applied to parts of cells, where their lines of sight meet the skin, and the image is observed as a camera's is.
+        """
+        from_rows, from_cols = self._refining
+        down, across = self._part_scattering
+        thicker_mm = from_rows @ skin.thickness_change_mm @ from_cols
+        if sight is None:
+            return down @ law(thicker_mm) @ across
+        thicker_mm = sight.follow(thicker_mm, from_rows @ skin.height_mm @ from_cols)
+        return sight.observe(down @ law(thicker_mm) @ across)
 
     def deform(self, tractions: Tractions) -> DeformedSkin:
         """Return all skin under tractions of the linear gel on the view, with thickness as in `correct_for_finite_strain`."""
-        (rows, cols), shape, gel = tractions.shape[1:], self.cells.patch.shape, self.gel
-        waves = forward_transform(tractions, shape)
+        (rows, cols), shape, gel = tractions.shape[-2:], self.cells.patch.shape, self.gel
+        xp, waves = array_namespace_of(tractions), forward_transform(tractions, shape)
         height_mm = self._to_skin(waves, self._height_compliance)
         linear_mm = height_mm if gel.has_rigid_base else height_mm - self._to_skin(waves, self._interface_compliance)
         # An iteration far from the solution may press further than through the gel.
-        stiffening = finite_strain_stiffening(height_mm, np.maximum(linear_mm, np.float32(-gel.thickness_mm)), gel)
-        added = forward_transform(tractions * (stiffening[:rows, :cols] - 1), shape)
-        change_by_pressure_mm = self._to_skin(waves[:1], self.compliance[:1])
-        tangential_mm = np.stack([self._to_skin(waves, each) for each in self._tangential_compliance])
+        stiffening = finite_strain_stiffening(height_mm, xp.clip(linear_mm, min=-gel.thickness_mm), gel)
+        added = forward_transform(tractions * (stiffening[..., None, :rows, :cols] - 1), shape)
+        change_by_pressure_mm = self._to_skin(waves[..., :1, :, :], self.compliance[:1])
+        tangential_mm = self._to_skin(waves[..., None, :, :, :], self.tangential_compliance)
         thickening_mm = finite_strain_thickening_mm(
-            change_by_pressure_mm, -linear_mm.min(), gel, self.cells.patch, tangential_mm
+            change_by_pressure_mm, max_over_grid(-linear_mm), gel, self.cells.patch, tangential_mm
         )
-        around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[1:], self.compliance[1:])
-        thinning = -linear_mm[:rows, :cols] / gel.thickness_mm
-        under = np.zeros(shape, np.float32)
-        under[:rows, :cols] = np.clip(thinning / _EDGE_THINNING, 0, 1) * (tractions[0] > 0)
+        around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[..., 1:, :, :], self.compliance[1:])
+        thinning = -linear_mm[..., :rows, :cols] / gel.thickness_mm
+        under = xp.zeros_like(linear_mm)
+        under[..., :rows, :cols] = xp.clip(thinning / _EDGE_THINNING, min=0, max=1) * (tractions[..., 0, :, :] > 0)
         under_mm = 0.0 if gel.has_rigid_base else -self._to_skin(added, self._interface_compliance)
         nonlinear_mm = around_mm + under * (under_mm - around_mm)
-        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, nonlinear_mm)
+        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, linear_mm)
 
     def thickness_change_mm(self, height_mm: SkinField) -> SkinField:
         """Return the change of the linear gel's thickness where pressure alone gives the skin this height."""
         if self.gel.has_rigid_base:
             return height_mm
-        pressed, sunk = self._height_compliance[0].real, self._interface_compliance[0].real
-        share = 1 - np.divide(sunk, pressed, out=np.ones_like(sunk), where=pressed != 0)
-        waves = forward_transform(height_mm, height_mm.shape)
-        return inverse_transform(waves * share, height_mm.shape, height_mm.shape)
+        waves = forward_transform(height_mm, self.cells.patch.shape)
+        return inverse_transform(waves * self._thickness_share, self.cells.patch.shape, self.cells.patch.shape)
 
-    def _to_skin(self, waves: Array, compliance: Array) -> SkinField:
+    @cached_property
+    def _thickness_share(self) -> Float[Any, "skin_rows half"]:
+        """Change of thickness over height by pressure, per wave vector."""
+        pressed, sunk = self._skin.fourier_symbols["normal"], -self._skin.interface_symbols[0].real
+        share = 1 - np.divide(sunk, pressed, out=np.ones_like(sunk), where=pressed != 0)
+        return self._skin.asarray(share)
+
+    def _to_skin(self, waves: Any, compliance: Any) -> SkinField:
         """Return the field of all skin that tractions, given as waves, cause by a compliance."""
         shape = self.cells.patch.shape
-        return inverse_transform((waves * compliance).sum(axis=0), shape, shape)
+        return inverse_transform((waves * compliance).sum(axis=-3), shape, shape)
 
     def scatter(self, change: SkinField) -> View:
         """Return the change of brightness that the camera observes, after scattering, for a change on all skin."""
@@ -160,22 +224,12 @@ class InfluenceKernels:
     forward: ForwardModel
 
     @cached_property
-    def around(self) -> tuple[int, int]:
-        """Numbers of cells of that skin above the view and left of it."""
-        cells = self.forward.cells
-        wanted = int(np.ceil(_SCATTERING_REACH * self.forward.point_spread_mm / cells.pitch_mm))
-        down, across = (
-            min(wanted, (skin - view) // 2) for skin, view in zip(cells.patch.shape, cells.shape, strict=True)
-        )
-        return down, across
-
-    @cached_property
     def skin_indices(self) -> tuple[Int[Array, " rows"], Int[Array, " cols"]]:
         """Row and column indices of that skin in the periodic skin, in spatial order."""
         cells = self.forward.cells
         down, across = (
             np.arange(-beyond, view + beyond) % skin
-            for beyond, view, skin in zip(self.around, cells.shape, cells.patch.shape, strict=True)
+            for beyond, view, skin in zip(self.forward.around, cells.shape, cells.patch.shape, strict=True)
         )
         return down, across
 
@@ -189,10 +243,12 @@ class InfluenceKernels:
         at = influence_window_indices(self.forward.cells, row, col)
         return [windows[at] for windows in self._height_windows]
 
-    def sticking_shear_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n rows cols"]]:
-        """Return the shear along x and y on the view that keeps the skin under unit pressure on each of these cells in place."""
-        at = influence_window_indices(self.forward.cells, row, col)
-        return [windows[at] for windows in self._sticking_windows]
+    def tangential_between_cells(self, row: Indices, col: Indices) -> Float32[Array, "2 3 n n"]:
+        """Return the displacement along x and along y of each of these cells (rows) that unit pressure, unit shear along x and unit
+        shear along y on each of them (columns) cause."""
+        down, across = (np.subtract.outer(index, index) for index in (row, col))
+        skin = self.forward.cells.patch.shape
+        return self._tangential_kernels.take(down % skin[0] * skin[1] + across % skin[1], axis=2)
 
     @cached_property
     def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
@@ -206,11 +262,13 @@ class InfluenceKernels:
 
     @cached_property
     def _height_windows(self) -> list[Float32[Array, "rows cols skin_rows skin_cols"]]:
-        return [influence_windows(self.forward.cells, each, self.around) for each in self.forward.compliance]
+        return [influence_windows(self.forward.cells, each, self.forward.around) for each in self.forward.compliance]
 
     @cached_property
-    def _sticking_windows(self) -> list[Float32[Array, "rows cols rows cols"]]:
-        return [influence_windows(self.forward.cells, each, (0, 0)) for each in self.forward.sticking_shear]
+    def _tangential_kernels(self) -> Float32[Array, "2 3 skin"]:
+        """The displacement along x and y of all skin under unit tractions on its first cell, skin row after row."""
+        shape = self.forward.cells.patch.shape
+        return np.fft.irfft2(self.forward.tangential_compliance, s=shape).astype(np.float32).reshape(2, 3, -1)
 
 
 def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Array:
@@ -218,11 +276,16 @@ def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int])
 
     The window at `influence_window_indices` is the response to one cell of the view.
     """
+    shape = cells.rows + 2 * around[0], cells.cols + 2 * around[1]
+    return sliding_window_view(influence_kernel(cells, transfer, around), shape)
+
+
+def influence_kernel(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Float32[Array, "tall wide"]:
+    """Return the array of which `influence_windows` are windows."""
     skin, view = cells.patch.shape, cells.shape
     kernel = np.fft.irfft2(transfer, s=skin).astype(np.float32)
     down, across = (np.arange(1 - side - beyond, side + beyond) for side, beyond in zip(view, around, strict=True))
-    shape = view[0] + 2 * around[0], view[1] + 2 * around[1]
-    return sliding_window_view(kernel[np.ix_(down % skin[0], across % skin[1])], shape)
+    return kernel[np.ix_(down % skin[0], across % skin[1])]
 
 
 def influence_window_indices(cells: CellGrid, row: Indices, col: Indices) -> tuple[Indices, Indices]:
@@ -231,12 +294,22 @@ def influence_window_indices(cells: CellGrid, row: Indices, col: Indices) -> tup
     return rows - 1 - row, cols - 1 - col
 
 
-def _gaussian_weights(cells: CellGrid, axis: int, sigma_mm: float) -> Float32[Array, "view skin"]:
-    """Return Gaussian weights from every cell of the skin to every one of the view; the identity for zero width."""
-    distance_mm = (np.arange(cells.shape[axis])[:, None] - cells.offsets(axis)) * cells.pitch_mm
-    width_mm = max(sigma_mm, 1e-3 * cells.pitch_mm)
-    reach_mm = np.arange(-200, 201) * cells.pitch_mm
-    total = np.exp(-((reach_mm / width_mm) ** 2) / 2).sum()
-    weights = np.exp(-((distance_mm / width_mm) ** 2) / 2) / total
+def _gaussian_weights(cells: int, places: Float[Array, " n"], width: float, parts: int) -> Float32[Array, "view n"]:
+    """Return Gaussian weights from parts of cells at these places to every cell of the view, in cells from its first one."""
+    total = np.exp(-((np.arange(-200, 201) / parts / width) ** 2) / 2).sum()
+    weights = np.exp(-(((np.arange(cells)[:, None] - places) / width) ** 2) / 2) / total
     # Far weights would be subnormal numbers, with which processors multiply forty times more slowly.
     return np.where(weights < _SMALLEST_WEIGHT, 0, weights).astype(np.float32)
+
+
+def _interpolation_weights(places: Float[Array, " n"], cells: int) -> Float32[Array, "n cells"]:
+    """Return the weights of cubic convolution from periodic cells to places (Keys 1981; docs/force_physics.md).
+
+    It is exact where the field is a parabola; linear interpolation would make the middle of a ball shallower.
+    """
+    first, weights = np.floor(places).astype(int) - 1, np.zeros((len(places), cells), np.float32)
+    for step in range(4):
+        away = np.abs(places - first - step)
+        near, far = 1.5 * away**3 - 2.5 * away**2 + 1, -0.5 * away**3 + 2.5 * away**2 - 4 * away + 2
+        weights[np.arange(len(places)), (first + step) % cells] += np.where(away < 1, near, far).astype(np.float32)
+    return weights

@@ -55,9 +55,9 @@ NO_CONTACT_STD = np.array([0.01, 0.01, 0.03, 2e-4, 2e-4, 5e-5])
 """Standard deviation of the wrench where no contact is detected; half of all contacts of 0.05 N are detected
 (docs/force_physics.md)."""
 
-_MODELLED_THINNING = 0.9
+MODELLED_THINNING = 0.9
 """Thinning over the gel's thickness up to which the model of the gel holds (docs/force_physics.md)."""
-_LARGEST_PRESSURE = 13.0
+LARGEST_PRESSURE = 12.0
 """Pressure over the shear modulus up to which the stated errors hold for presses on a sensor's own twin: more of it, which wide
 contacts have, changes the gel's thickness too little."""
 
@@ -161,19 +161,23 @@ class TractionForce(ForceEstimator):
         than the model of the gel holds."""
         pressure = result.tractions[0]
         rows, cols = pressure.shape
-        known_mm = min(-self.observation_model.law.deepest_known_mm, _MODELLED_THINNING * self.gel.thickness_mm)
+        known_mm = min(-self.observation_model.law.deepest_known_mm, MODELLED_THINNING * self.gel.thickness_mm)
         is_too_thin = -result.skin.thickness_change_mm[:rows, :cols] > known_mm
-        return bool((is_too_thin & (pressure > 0)).any() or pressure.max() > _LARGEST_PRESSURE)
+        return bool((is_too_thin & (pressure > 0)).any() or pressure.max() > LARGEST_PRESSURE)
 
     def _inversion_for(self, height: HeightMap) -> TractionInversion:
         """Return the inversion for images of this size, built at the first of them."""
         cells = cell_grid_over_image(height.z_mm.shape, height.mm_per_px, self.gel.thickness_mm)
         if cells not in self._inversions:
             self.forget()
-            model = self.observation_model
-            forward = ForwardModel(cells, self.gel, model.point_spread_mm)
-            self._inversions[cells] = TractionInversion(forward, model.law, self.prior, self.solver)
+            self._inversions[cells] = self.build_inversion(cells)
         return self._inversions[cells]
+
+    def build_inversion(self, cells: CellGrid) -> TractionInversion:
+        """Return the inversion on these cells."""
+        model = self.observation_model
+        forward = ForwardModel(cells, self.gel, model.point_spread_mm)
+        return TractionInversion(forward, model.law, self.prior, self.solver)
 
 
 def build_traction_force(calibrated: CalibratedShape, gel: Gel | None) -> TractionForce:

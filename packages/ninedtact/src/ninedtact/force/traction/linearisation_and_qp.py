@@ -31,9 +31,9 @@ from ninedtact.force.traction.brightness_from_traction import (
 )
 from ninedtact.force.traction.observation import CellGrid
 
-_WRONG_SIDE_STDS = 0.05
+WRONG_SIDE_STDS = 0.05
 """Distance beyond the bound, in an unknown's own standard deviations, from which it counts as on the wrong side."""
-_MAX_FAILED_EXCHANGES = 3
+MAX_FAILED_EXCHANGES = 3
 """Number of consecutive block exchanges that may fail to reduce the number of unknowns on the wrong side."""
 
 
@@ -68,8 +68,8 @@ class NonNegativeQP:
     def wrong_side(self, solution: "QPSolution", precision_root: Float64[Array, " n"]) -> Bool[Array, " n"]:
         """Return a mask of the unknowns on the wrong side: free ones that are negative, and held ones that would rise."""
         held = ~solution.free
-        rising = held & (self.negative_gradient - self.curvature @ solution.x > _WRONG_SIDE_STDS * precision_root)
-        negative = solution.free & (solution.x * precision_root < -_WRONG_SIDE_STDS)
+        rising = held & (self.negative_gradient - self.curvature @ solution.x > WRONG_SIDE_STDS * precision_root)
+        negative = solution.free & (solution.x * precision_root < -WRONG_SIDE_STDS)
         negative[self.bounded :] = False
         return rising | negative
 
@@ -96,10 +96,10 @@ def solve_nonnegative_qp(problem: NonNegativeQP, free: Bool[Array, " n"], max_so
     """Return the minimum, starting from a guess of the free unknowns, or the last iterate after `max_solves`, clipped at zero."""
     precision_root = problem.precision_root()
     solution = problem.solve_free(free)
-    wrong, fewest, chances = problem.wrong_side(solution, precision_root), len(free) + 1, _MAX_FAILED_EXCHANGES
+    wrong, fewest, chances = problem.wrong_side(solution, precision_root), len(free) + 1, MAX_FAILED_EXCHANGES
     while solution.solve_count < max_solves and wrong.any():
         count = int(wrong.sum())
-        fewest, chances = (count, _MAX_FAILED_EXCHANGES) if count < fewest else (fewest, chances - 1)
+        fewest, chances = (count, MAX_FAILED_EXCHANGES) if count < fewest else (fewest, chances - 1)
         exchanged = wrong if chances >= 0 else _keep_last(wrong)
         solution = problem.solve_free(solution.free ^ exchanged, solution.solve_count + 1)
         wrong = problem.wrong_side(solution, precision_root)
@@ -113,10 +113,12 @@ def _keep_last(mask: Bool[Array, " n"]) -> Bool[Array, " n"]:
     return alone
 
 
-_MIN_MODE_POWER = 0.01
+MIN_MODE_POWER = 0.01
 """Fraction of the strongest shear mode's power below which a mode is left out."""
-_MODE_DAMPING = 1e-3
+MODE_DAMPING = 1e-3
 """Damping of the projection on shear modes, relative to the strongest of them: neighbouring modes overlap."""
+GROWTH_STEPS = 4
+"""Number of levels of the pressure over which a contact is taken to have grown."""
 _CELLS_PER_BATCH = 64
 """Number of cells whose fields are computed together, small enough for the processor's cache."""
 
@@ -135,7 +137,7 @@ class TractionPrior:
     """Standard deviation of the part of shear over pressure that varies over the contact. A third more than the value found, for
     what the modes cannot represent: with less, wide contacts are read too weak."""
     spread_mm: float = 2.0
-    smooth_mm: float = 0.4
+    smooth_mm: float = 0.5
     """Length below which pressure varies less than exp(−r/ℓ) does, and standard deviation of the Gaussian that smooths it before it
     carries shear. Light that scatters hides a pressure that alternates from cell to cell, which would be found in deep presses."""
 
@@ -163,9 +165,13 @@ class DiscretePrior:
 
     @cached_property
     def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:
+        return influence_windows(self.cells, self.precision_spectrum, (0, 0))
+
+    @property
+    def precision_spectrum(self) -> Float32[Array, "skin_rows half"]:
+        """The precision of pressure for a strain of one, per wave vector."""
         wave = np.hypot(*self.cells.patch.wave_vectors)
-        spectrum = pressure_precision_spectrum(wave, self.prior, self.cells.pitch_mm)
-        return influence_windows(self.cells, spectrum, (0, 0))
+        return pressure_precision_spectrum(wave, self.prior, self.cells.pitch_mm)
 
 
 @dataclass(frozen=True)
@@ -239,21 +245,30 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         carried = self.prior.shear_modes[row * self.region.shape[1] + col] * self.carries[row, col][:, None]
         power = (carried**2).sum(axis=0)
-        return np.ascontiguousarray(carried[:, power >= _MIN_MODE_POWER * power.max()])
+        return np.ascontiguousarray(carried[:, power >= MIN_MODE_POWER * power.max()])
 
     @cached_property
     def sticking_weights(self) -> Float32[Array, "n weights"]:
         """Weights of the shear modes along x and along y that unit pressure on each of these cells brings with it.
 
-        They are the projection on the modes of the shear that keeps the skin in place, as far as it does.
+        They are those of the shear that keeps the skin in place, as far as it does. Skin that an object reaches late has moved
+        before: the contact is taken to have grown over the levels of the pressure, and what each step adds to have found the skin
+        of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        modes = self.carried_shear.astype(float)
-        gram = modes.T @ modes
-        gram[np.diag_indices_from(gram)] += max(_MODE_DAMPING * float(gram.max()), 1e-12)
-        projection = self.sticking_part * np.linalg.solve(gram, modes.T).T.astype(np.float32)
-        sticking = self.kernels.sticking_shear_of_cells(row, col)
-        return np.concatenate([shear[:, row, col] @ projection for shear in sticking], axis=1)
+        carried, modes = self.carries[row, col], self.carried_shear
+        between = self.kernels.tangential_between_cells(row, col)
+        step = max(float(carried.max()) / GROWTH_STEPS, 1e-9)
+        weights = np.zeros((2, modes.shape[1], len(row)))
+        for level in range(GROWTH_STEPS):
+            above = carried - level * step
+            held = above > 0
+            if held.any():
+                part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
+                holding = _holding_weights(modes[held], between[:, :, held], held) * part
+                weights += modes[held].T @ modes[held] @ holding
+        weights = np.linalg.solve(_damped(modes.T @ modes), weights)
+        return (self.sticking_part * np.concatenate(list(weights)).T).astype(np.float32)
 
     @cached_property
     def jacobian(self) -> Float32[Array, "unknowns cells"]:
@@ -329,6 +344,25 @@ class LinearisedBrightnessProblem:
     @cached_property
     def _slope_on_skin(self) -> Float32[Array, "skin_rows skin_cols"]:
         return self.kernels.crop_to_skin(self.slope)
+
+
+def _holding_weights(
+    modes: Float32[Array, "held modes"], between: Float32[Array, "2 3 held n"], held: Bool[Array, " n"]
+) -> Float64[Array, "2 modes n"]:
+    """Return the weights of shear modes, along x and along y, that hold the skin of some cells under unit pressure on each cell.
+
+    They are those of the least elastic energy, as Galerkin's method finds them.
+    """
+    (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = between
+    pushed = np.concatenate([modes.T @ by_pressure_x, modes.T @ by_pressure_y])
+    xx, xy, yy = (modes.T @ displacement[:, held] @ modes for displacement in (xx, xy, yy))
+    stiff = np.block([[xx, xy], [xy.T, yy]])
+    return -np.linalg.solve(_damped(stiff), pushed).reshape(2, modes.shape[1], -1)
+
+
+def _damped(gram: Float32[Array, "n n"]) -> Float64[Array, "n n"]:
+    """Return the products of modes with a little damping: neighbouring modes overlap."""
+    return gram.astype(float) + max(MODE_DAMPING * float(gram.max()), 1e-12) * np.eye(len(gram))
 
 
 def pressure_precision_spectrum(

@@ -103,10 +103,17 @@ class CellGrid:
     def average(self, field: Float32[Array, "a b"]) -> Float32[Array, "rows cols"]:
         """Return the means of an image's field over the part of each cell that is on the image; the outermost ones are repeated on
         the margin."""
-        px_per_cell = self.pitch_mm / self.mm_per_px
-        sides = zip(field.shape, self.image_shape, strict=True)
-        down, across = (_averaging_weights(pixels, cells, px_per_cell) for pixels, cells in sides)
+        down, across = self.averaging_weights(field.shape)
         return down @ field @ across.T
+
+    def averaging_weights(self, shape: tuple[int, ...]) -> tuple[Float32[Array, "rows a"], Float32[Array, "cols b"]]:
+        """Return the weights of the rows and of the columns of an image of this shape in `average`."""
+        px_per_cell = self.pitch_mm / self.mm_per_px
+        down, across = (
+            _averaging_weights(pixels, cells, px_per_cell)
+            for pixels, cells in zip(shape, self.image_shape, strict=True)
+        )
+        return down, across
 
 
 def cell_grid_over_image(shape: tuple[int, int], mm_per_px: float, thickness_mm: float) -> CellGrid:
@@ -137,10 +144,10 @@ View = Float32[Array, "rows cols"]
 
 _EXTENSION_FACTOR = 2.0
 """Multiple of the calibrated range up to which the depth curve is extrapolated along its last segment."""
-_SIGHTLINE_ITERATIONS = 5
-_MIN_BRIGHTNESS_NOISE = 2e-4
+SIGHTLINE_ITERATIONS = 4
+MIN_BRIGHTNESS_NOISE = 2e-4
 """Smallest noise of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
-_LOCAL_FRACTION = 0.4
+LOCAL_FRACTION = 0.4
 """Fraction of the depth curve's error that differs from place to place. The rest scales the whole contact, which the stated error
 of the wrench contains; were it assumed in every cell, the inversion would shrink forces. Found on simulated sensors."""
 
@@ -191,6 +198,32 @@ def brightness_law_of_curve(curve: DepthCurve) -> BrightnessLaw:
 
 
 @dataclass(frozen=True)
+class LinesOfSight:
+    """Where the lines of sight of an image meet the plane of the untouched skin, and which of them the cells were observed at."""
+
+    inverse_distance_per_mm: float
+    """One over the viewing distance; zero where lines of sight are parallel."""
+    pixel: Float32[Array, "2 rows cols"]
+    """Column and row, in cells of the image's plane, of the line of sight at which each cell was observed."""
+
+    def follow(self, field: Float32[Array, "a b"], height_mm: Float32[Array, "a b"]) -> Float32[Array, "a b"]:
+        """Return a field of the skin where the lines of sight through the points of its grid meet it; the camera is under its
+        middle."""
+        rows, cols = field.shape
+        middle = np.array([(cols - 1) / 2, (rows - 1) / 2], np.float32)[:, None, None]
+        from_middle = np.stack(np.meshgrid(*(np.arange(side, dtype=np.float32) for side in (cols, rows)))) - middle
+        pixel = from_middle + middle
+        for _ in range(SIGHTLINE_ITERATIONS):
+            seen_mm = sample_field(height_mm, pixel, cv2.INTER_LINEAR)
+            pixel = from_middle * (1 + seen_mm * np.float32(self.inverse_distance_per_mm)) + middle
+        return sample_field(field, pixel, cv2.INTER_LINEAR)
+
+    def observe(self, change: View) -> View:
+        """Return the change of brightness that is observed on the cells, of that on lines of sight."""
+        return _at_pixels(change, self.pixel)
+
+
+@dataclass(frozen=True)
 class ObservationOnCells:
     """The observed signal and its errors as orthorectified fields on the cells."""
 
@@ -204,6 +237,8 @@ class ObservationOnCells:
     """Height from the depth reader, used for the initial guess and the contact region."""
     in_view: View
     """One where a cell is seen, zero where not."""
+    sight: LinesOfSight | None = None
+    """How the cells were observed; None where lines of sight are parallel."""
 
 
 class ObservationModel(ABC):
@@ -238,10 +273,11 @@ class BrightnessObservationModel(ObservationModel):
         largest = cell_noise_upper_bound(
             reading.rectified.grey, reading.reference.grey, int(np.prod(cells.image_shape))
         )
-        noise = min(max(estimate_cell_noise(change), _MIN_BRIGHTNESS_NOISE), largest)
-        return ObservationOnCells(
-            change, noise, _LOCAL_FRACTION * self.curve_error, below.z_mm, below.in_view.astype(np.float32)
-        )
+        noise = min(max(estimate_cell_noise(change), MIN_BRIGHTNESS_NOISE), largest)
+        uneven = reading.light.gradient
+        error = float(np.hypot(LOCAL_FRACTION * self.curve_error, 0.0 if uneven is None else uneven.error))
+        sight = LinesOfSight(1 / reading.height.camera_distance_mm, pixel)
+        return ObservationOnCells(change, noise, error, below.z_mm, below.in_view.astype(np.float32), sight)
 
     def _relative_change(self, image: Rectified, reference: Rectified, cells: CellGrid) -> View:
         """Return the relative change of brightness of every cell, corrected for the global loss of light."""
@@ -289,7 +325,7 @@ def orthorectify_onto_cells(height: HeightMap, cells: CellGrid) -> tuple[HeightM
     coarse = replace(height, z_mm=cells.average(height.z_mm), source=source, mm_per_px=cells.pitch_mm)
     seen_mm = np.where(coarse.in_view, coarse.z_mm, np.float32(0))
     pitch_mm, place_mm = (cells.pitch_mm, cells.pitch_mm), np.stack(cells.coordinates_mm)
-    pixel = find_pixels_of_skin_places(seen_mm, pitch_mm, place_mm, height.camera_distance_mm, _SIGHTLINE_ITERATIONS)
+    pixel = find_pixels_of_skin_places(seen_mm, pitch_mm, place_mm, height.camera_distance_mm, SIGHTLINE_ITERATIONS)
     source = np.asarray(sample_field(source, pixel, cv2.INTER_NEAREST))
     below = replace(coarse, z_mm=_at_pixels(coarse.z_mm, pixel), source=source, camera_distance_mm=np.inf)
     return below, pixel

@@ -9,7 +9,7 @@ residual of the best fit, where that is larger (discrepancy principle; docs/forc
 relative errors of the sensor's parameters.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -36,20 +36,22 @@ from ninedtact.force.traction.linearisation_and_qp import (
 )
 from ninedtact.force.traction.observation import BrightnessLaw, ObservationOnCells
 
-_WINKLER_PER_MM = 3.9
+WINKLER_PER_MM = 3.9
 """Pressure (over the shear modulus) per mm of indentation in the middle of presses, used for the initial guess."""
-_MIN_PRIOR_DEPTH_MM = 0.02
+MIN_PRIOR_DEPTH_MM = 0.02
 """Smallest indentation by which the prior of pressure is scaled."""
-_SMALLEST_STEP = 0.25
-"""Smallest part of the way to a result by which the point of linearisation moves."""
-_RELAXATION_LIMITS = 0.3, 1.5
-"""Smallest and largest part of the way to the part of a skin that is not linear by which that part moves."""
-_SLIDES_FROM = 0.8
+SMALLEST_STEP = 0.25
+"""Smallest part of the way to a result by which the tractions about which the problem is linearised move."""
+SLIDES_FROM = 0.8
 """Shear over pressure from which a contact is taken to slide, so that the skin under it spreads freely. Loads of sheared contacts
 with friction of 0.4 and 1 are right to a tenth with it; they were up to a third too large where the skin was held."""
-_STICKING_CHANGE = 2.0
+_WARM_SLACK = 1.5
+"""Factor by which a result that started from the previous image may be farther from convergence than that image's."""
+STICKING_CHANGE = 2.0
 """Weight of a change of the part that sticks among those of the pressure."""
-_LEVEL_STD = 0.003
+CARRYING_EXPONENT = 0.75
+"""Power of the smoothed pressure to which shear is proportional."""
+LEVEL_STD = 0.003
 """Standard deviation of the relative brightness offset that all cells share."""
 
 
@@ -65,7 +67,7 @@ class SolverSettings:
     """Largest number of linear solves for each quadratic programme."""
     target_decrement: float = 0.5
     """Newton decrement, in standard deviations of any sum of the unknowns, below which the iteration may end."""
-    target_change: float = 0.08
+    target_change: float = 0.06
     """Change of the pressure, relative to its sum, below which the iteration may end: shear is carried by the pressure of the
     iteration before."""
     max_warm_decrement: float = 2.0
@@ -78,12 +80,10 @@ class SolverSettings:
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """The tractions and the change of the gel's thickness from which the iteration starts."""
+    """The tractions and the skin about which the problem is linearised."""
 
     tractions: Tractions
-    thickness_change_mm: SkinField
-    nonlinear_mm: SkinField | float = 0.0
-    """The part of the change that is not linear in the tractions."""
+    skin: DeformedSkin
     misfit: float = 1.0
     iterations: int = 0
 
@@ -95,8 +95,8 @@ class InversionResult:
     tractions: Tractions
     skin: DeformedSkin
     """All skin under these tractions."""
-    linearised_mm: SkinField
-    """The change of thickness about which the problem was linearised."""
+    linearised_about: Tractions
+    """The tractions about which the problem was linearised."""
     problem: LinearisedBrightnessProblem
     """The problem as linearised in the last iteration."""
     solution: QPSolution
@@ -107,6 +107,8 @@ class InversionResult:
     pressure_change: float
     """Change of the pressure in the last iteration, relative to its sum, or of the part that sticks."""
     iterations: int
+    step: float = 1.0
+    """Part of the way to this result by which the tractions about which the problem is linearised move."""
 
     def distance_from(self, decrement: float, change: float) -> float:
         """Return the Newton decrement and the change of the pressure over these limits, the larger of the two."""
@@ -128,63 +130,77 @@ class TractionInversion:
         """Return the tractions in a contact region. The result of a stream's previous image, given as `last`, saves iterations.
 
         The iteration starts from the observed heights where the previous result has no pressure in the region, or where the
-        iterations from it stay far from convergence: the result then does not depend on the previous image.
+        iterations from it stay farther from convergence than it: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            about_mm = (last.linearised_mm + last.skin.thickness_change_mm) / 2
-            guess = InitialGuess(last.tractions, about_mm, last.skin.nonlinear_mm, last.misfit)
-            result = self._converge(observation, region, guess, self.solver.max_warm_iterations)
-            if result.distance_from(self.solver.max_warm_decrement, self.solver.max_warm_change) <= 1:
+            guess = replace(self._guess_after(last), iterations=0)
+            result = self._converge(observation, region, guess, self.solver.max_warm_iterations, last.step)
+            nearest = max(_WARM_SLACK * self._warm_distance(last), 1.0)
+            if self._warm_distance(result) <= nearest and result.newton_decrement <= self.solver.max_trusted_decrement:
                 return result
         return self._converge(
             observation, region, self._guess_from_heights(observation, region), self.solver.max_iterations
         )
+
+    def _warm_distance(self, result: InversionResult) -> float:
+        """Return how far a result is from one that the next image may start from."""
+        return result.distance_from(self.solver.max_warm_decrement, self.solver.max_warm_change)
 
     def _distance(self, result: InversionResult) -> float:
         """Return how far a result is from convergence; at one and below, another iteration would hardly change it."""
         return result.distance_from(self.solver.target_decrement, self.solver.target_change)
 
     def _converge(
-        self, observation: ObservationOnCells, region: View, guess: InitialGuess, max_iterations: int
+        self,
+        observation: ObservationOnCells,
+        region: View,
+        guess: InitialGuess,
+        max_iterations: int,
+        step: float = 1.0,
     ) -> InversionResult:
         """Iterate from a guess until the result has converged, or as often as allowed; return the result nearest to convergence.
 
-        Where an iteration brings the result no nearer, the next ones linearise closer to where this one did. What is not linear in
-        the tractions is not part of the derivative. In deep presses it would oscillate, so it is relaxed.
+        Where an iteration brings the result no nearer, the next ones linearise closer to where this one did: what finite strain
+        adds is not part of the derivative, and pressure would oscillate in deep presses.
         """
-        result = best = self._iterate(observation, region, guess)
-        step, about_mm = 1.0, guess.thickness_change_mm
-        nonlinear = _RelaxedField(guess.nonlinear_mm)
+        result = best = replace(self._iterate(observation, region, guess), step=step)
         while result.iterations < max_iterations and self._distance(result) > 1:
-            about_mm = about_mm + np.float32(step) * (result.skin.thickness_change_mm - about_mm)
-            nonlinear = nonlinear.towards(result.skin.nonlinear_mm)
-            carried = InitialGuess(result.tractions, about_mm, nonlinear.field_mm, result.misfit, result.iterations)
-            result = self._iterate(observation, region, carried)
+            result = replace(self._iterate(observation, region, self._guess_after(result)), step=result.step)
             if self._distance(result) < self._distance(best):
                 best = result
             else:
-                step = max(step / 2, _SMALLEST_STEP)
+                result = replace(result, step=max(result.step / 2, SMALLEST_STEP))
         return best
+
+    def _guess_after(self, result: InversionResult) -> InitialGuess:
+        """Return the guess a step of the way to a result from the tractions about which it was linearised."""
+        tractions, skin = result.tractions, result.skin
+        if result.step < 1:
+            about = result.linearised_about
+            tractions = about + np.float32(result.step) * (tractions - about)
+            skin = self.forward.deform(tractions)
+        return InitialGuess(tractions, skin, result.misfit, result.iterations)
 
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
-        problem = self._linearise(observation, region, guess)
-        offset = self.law(guess.thickness_change_mm) - problem.slope * (guess.thickness_change_mm - guess.nonlinear_mm)
-        programme = problem.quadratic_programme(observation.change - self.forward.scatter(offset))
+        problem, sight = self._linearise(observation, region, guess), observation.sight
+        seen = self.forward.observed_change(self.law, guess.skin, sight)
+        seen -= self.forward.scatter(problem.slope * guess.skin.linear_mm)
+        programme = problem.quadratic_programme(observation.change - seen)
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
         skin = self.forward.deform(tractions)
-        linear_mm = skin.thickness_change_mm - skin.nonlinear_mm
-        nonlinear = self.forward.scatter(self.law(skin.thickness_change_mm) - offset - problem.slope * linear_mm)
+        predicted = self.forward.observed_change(self.law, skin, sight)
+        nonlinear = predicted - seen - self.forward.scatter(problem.slope * skin.linear_mm)
         decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
-        misfit = self._misfit(observation, skin.thickness_change_mm)
+        misfit = self._misfit(observation, predicted)
         change = np.abs(tractions[0] - guess.tractions[0]).sum() / max(float(tractions[0].sum()), 1e-9)
-        change = max(change, _STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
+        change = max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
         return InversionResult(
             tractions,
             skin,
-            guess.thickness_change_mm,
+            guess.tractions,
             problem,
             solution,
             misfit,
@@ -197,35 +213,39 @@ class TractionInversion:
         self, observation: ObservationOnCells, region: View, guess: InitialGuess
     ) -> LinearisedBrightnessProblem:
         """Return the problem linearised about the guessed skin."""
-        depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), _MIN_PRIOR_DEPTH_MM)
+        depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), MIN_PRIOR_DEPTH_MM)
         strain = depth_mm / self.forward.gel.thickness_mm
+        slope = self.law.slope_per_mm(guess.skin.thickness_change_mm)
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
-        slope = self.law.slope_per_mm(guess.thickness_change_mm)
+        power = np.maximum(carries, 0) ** np.float32(CARRYING_EXPONENT)
+        carries = power * np.float32(carries.sum() / max(float(power.sum()), 1e-9))
         whitener = self._whitener(observation, guess.misfit)
         sticking_part = _sticking_part(guess.tractions)
         return LinearisedBrightnessProblem(
-            self._kernels, self._discrete_prior, region, carries, slope, whitener, strain, sticking_part
+            self.kernels, self.discrete_prior, region, carries, slope, whitener, strain, sticking_part
         )
 
     def _guess_from_heights(self, observation: ObservationOnCells, region: View) -> InitialGuess:
-        """Return an initial guess with pressure in proportion to the thinning of the gel under the observed skin, and no shear."""
-        thickness_change_mm = self.forward.thickness_change_mm(self._extend_to_skin(observation.z_mm))
+        """Return a guess of the observed skin, with pressure in proportion to the thinning of the gel under it, and no shear."""
+        height_mm = self._extend_to_skin(observation.z_mm)
+        thickness_change_mm = self.forward.thickness_change_mm(height_mm)
         rows, cols = region.shape
         tractions = np.zeros((3, rows, cols), np.float32)
-        tractions[0] = np.maximum(-thickness_change_mm[:rows, :cols], 0) * region * np.float32(_WINKLER_PER_MM)
-        return InitialGuess(tractions, thickness_change_mm)
+        tractions[0] = np.maximum(-thickness_change_mm[:rows, :cols], 0) * region * np.float32(WINKLER_PER_MM)
+        skin = DeformedSkin(height_mm, thickness_change_mm, np.ones_like(height_mm), thickness_change_mm)
+        return InitialGuess(tractions, skin)
 
-    def _misfit(self, observation: ObservationOnCells, thickness_change_mm: SkinField) -> float:
+    def _misfit(self, observation: ObservationOnCells, predicted: View) -> float:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        residual = observation.change - self.forward.scatter(self.law(thickness_change_mm))
+        residual = observation.change - predicted
         square = float(np.vdot(residual, self._whitener(observation, 1.0)(residual)))
         return float(np.sqrt(max(square / max(float(observation.in_view.sum()), 1.0), 1.0)))
 
     def _whitener(self, observation: ObservationOnCells, misfit: float) -> Whitener:
         """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
         std = np.float32(np.hypot(observation.error, observation.noise) * misfit)
-        return Whitener(observation.in_view / std, _LEVEL_STD)
+        return Whitener(observation.in_view / std, LEVEL_STD)
 
     def _extend_to_skin(self, z_mm: View) -> SkinField:
         """Extend heights of the view to all skin by repeating those of its border."""
@@ -234,41 +254,23 @@ class TractionInversion:
         return z_mm[np.ix_(row, col)]
 
     @cached_property
-    def _kernels(self) -> InfluenceKernels:
+    def kernels(self) -> InfluenceKernels:
+        """The responses to the traction on single cells."""
         return InfluenceKernels(self.forward)
 
     @cached_property
-    def _discrete_prior(self) -> DiscretePrior:
+    def discrete_prior(self) -> DiscretePrior:
+        """The prior on the cells."""
         return DiscretePrior(self.forward.cells, self.prior)
-
-
-@dataclass(frozen=True)
-class _RelaxedField:
-    """A field that a fixed-point iteration seeks, with Aitken's relaxation (Küttler and Wall 2008; docs/force_physics.md)."""
-
-    field_mm: SkinField | float
-    last_residual_mm: SkinField | None = None
-    """r: what the iteration before found, less what it started from."""
-    relaxation: float = 1.0
-    """ω: the part of the residual that the last step took."""
-
-    def towards(self, found_mm: SkinField) -> "_RelaxedField":
-        """Return the field from which the next iteration starts, after one that found another."""
-        residual_mm, relaxation = found_mm - self.field_mm, self.relaxation
-        if self.last_residual_mm is not None:
-            change_mm = residual_mm - self.last_residual_mm
-            secant = float(np.vdot(self.last_residual_mm, change_mm)) / max(float(np.vdot(change_mm, change_mm)), 1e-12)
-            relaxation = float(np.clip(-relaxation * secant, *_RELAXATION_LIMITS))
-        return _RelaxedField(self.field_mm + np.float32(relaxation) * residual_mm, residual_mm, relaxation)
 
 
 def _sticking_part(tractions: Tractions) -> float:
     """Return the part of the shear which keeps the skin in place that friction still bears under these tractions."""
     pressed, along_x, along_y = tractions.sum(axis=(1, 2)).tolist()
-    return max(1 - float(np.hypot(along_x, along_y)) / max(_SLIDES_FROM * pressed, 1e-9), 0.0)
+    return max(1 - float(np.hypot(along_x, along_y)) / max(SLIDES_FROM * pressed, 1e-9), 0.0)
 
 
-_THICKNESS_EXPONENT = 1.0
+THICKNESS_EXPONENT = 1.0
 """Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load."""
 
 
@@ -304,7 +306,7 @@ class UncertaintyModel:
         """
         forward, pressure = result.problem.kernels.forward, result.tractions[0].astype(float)
         unresolved = self._unresolved(pressure, forward)
-        relative_variance = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
+        relative_variance = self.model**2 + (THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
         relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
         extent = pressure_rms_radii(pressure, *forward.cells.coordinates_mm)

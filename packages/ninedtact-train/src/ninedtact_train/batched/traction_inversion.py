@@ -1,0 +1,500 @@
+"""The traction inversion of many observations at once, as torch tensors.
+
+It is `TractionInversion` from each image alone (docs/force_physics.md). Contacts have different numbers of cells and of shear
+modes: each is brought to the size of its batch by unknowns without any effect, which are zero in the solution. An unknown that is
+held at zero is treated in the same way. The schedule on a GPU is fixed: every iteration exchanges bounded unknowns as often as
+`_EXCHANGES` says, and the processor waits for the device once an iteration, to see which contacts have converged.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from jaxtyping import Bool, Float32, Float64, Int
+from numpy import ndarray as Array
+
+from ninedtact.force.traction import linearisation_and_qp as qp
+from ninedtact.force.traction import traction_from_brightness as single
+from ninedtact.force.traction.brightness_from_traction import DeformedSkin, ForwardModel, influence_kernel
+from ninedtact.force.traction.observation import BrightnessLaw
+from ninedtact_train.batched.contact_cells import BatchedObservation, Numbers, Views, smoothed
+
+_EXCHANGES = 6
+"""Exchanges of bounded unknowns in each iteration, where the inversion of one image takes one to five. What is then still on the
+wrong side is exchanged in the next iteration."""
+_MODES_STEP, _CELLS_STEP = 8, 32
+"""Steps of the numbers of modes and cells, so that few sizes occur."""
+_LARGEST_BATCH, _LARGEST_GPU_BATCH = 1 << 20, 1 << 26
+"""Numbers that the influences of the cells of a batch may have: what fits into the processor's cache, and what fills a GPU."""
+
+SkinFields = Float32[torch.Tensor, "batch skin_rows skin_cols"]
+Tractions = Float32[torch.Tensor, "batch 3 cell_rows cell_cols"]
+
+
+@dataclass(frozen=True)
+class BatchedInversionResult:
+    """`InversionResult` of each observation, and the covariance of the wrench over the squared shear modulus."""
+
+    tractions: Tractions
+    height_mm: Views
+    thickness_change_mm: Views
+    stiffening: Views
+    covariance: Float64[torch.Tensor, "batch 6 6"]
+    newton_decrement: Numbers
+    pressure_change: Numbers
+
+    def put(self, indices: torch.Tensor, found: "BatchedInversionResult", better: Bool[torch.Tensor, " some"]) -> None:
+        """Replace the results of those of these observations for which another is better."""
+        for name, value in vars(found).items():
+            kept = getattr(self, name)
+            flags = better.view(-1, *[1] * (value.ndim - 1))
+            kept[indices] = torch.where(flags, value, kept[indices])
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """`InitialGuess` of each observation, and its step."""
+
+    tractions: Tractions
+    skin: DeformedSkin
+    misfit: Numbers
+    step: Numbers
+
+    def select(self, indices: torch.Tensor) -> "_Guess":
+        skin = DeformedSkin(*(each[indices] for each in vars(self.skin).values()))
+        return _Guess(self.tractions[indices], skin, self.misfit[indices], self.step[indices])
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """`LinearisedBrightnessProblem` of each observation."""
+
+    index: Int[torch.Tensor, "batch n"]
+    """The cells of the contact region, row after row, and others that are not in use."""
+    used: Float32[torch.Tensor, "batch n"]
+    carried_shear: Float32[torch.Tensor, "batch n modes"]
+    sticking_weights: Float32[torch.Tensor, "batch n weights"]
+    jacobian: Float32[torch.Tensor, "batch unknowns cells"]
+    curvature: Float64[torch.Tensor, "batch unknowns unknowns"]
+    slope: SkinFields
+    per_error: Views
+    level_gain: Numbers
+    sticking_part: Numbers
+
+    def negative_gradient(self, residual: Views) -> Float64[torch.Tensor, "batch unknowns"]:
+        per_error = self.per_error.flatten(1)
+        common, weighted = single.LEVEL_STD * per_error, residual.flatten(1) * per_error
+        weighted = weighted - common * ((common * weighted).sum(1, keepdim=True) * self.level_gain[:, None])
+        return (self.jacobian @ weighted[..., None])[..., 0].double()
+
+    def tractions(self, unknowns: Float64[torch.Tensor, "batch unknowns"], shape: tuple[int, int]) -> Tractions:
+        """Return pressure and shear on the view."""
+        x = unknowns.float()
+        count, modes = self.carried_shear.shape[1:]
+        pressure = x[:, :count] * self.used
+        weights = x[:, count:] + (pressure[:, None] @ self.sticking_weights)[:, 0]
+        shear = weights.view(-1, 2, modes) @ self.carried_shear.mT
+        values = torch.cat([pressure[:, None], shear], 1)
+        found = values.new_zeros(len(x), 3, shape[0] * shape[1])
+        return found.scatter_(2, self.index[:, None].expand_as(values), values).view(-1, 3, *shape)
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """`QPSolution` of each observation."""
+
+    x: Float64[torch.Tensor, "batch unknowns"]
+    free: Bool[torch.Tensor, "batch unknowns"]
+    factor: Float64[torch.Tensor, "batch unknowns unknowns"]
+    wrong: Bool[torch.Tensor, "batch unknowns"]
+
+    def whiten_rows(
+        self, rows: Float64[torch.Tensor, "batch rows unknowns"]
+    ) -> Float64[torch.Tensor, "batch rows unknowns"]:
+        columns = (rows * self.free[:, None]).mT
+        return torch.linalg.solve_triangular(self.factor, columns, upper=False).mT
+
+
+@dataclass(frozen=True)
+class BatchedTractionInversion:
+    """The inversion for one sensor and size of image on a device."""
+
+    inversion: single.TractionInversion
+    calibration_error: float
+    """Standard deviation of the change due to the calibration (`ObservationOnCells.error`)."""
+    device: str
+    gpu_schedule: bool
+    """Whether batches are large, and the processor looks only once an iteration what is needed; else after every exchange too."""
+
+    def invert(self, observation: BatchedObservation) -> BatchedInversionResult:
+        """Return the tractions that explain each observation, from itself alone; zero where nothing touches."""
+        shape, count = self.inversion.forward.cells.shape, len(observation.change)
+        none = observation.change.new_zeros
+        views, numbers = none(6, count, *shape), none(2, count)
+        found = BatchedInversionResult(
+            views[:3].transpose(0, 1).contiguous(),
+            *(views[3], views[4], views[5]),
+            none(count, 6, 6, dtype=torch.float64),
+            *(numbers[0], numbers[1]),
+        )
+        for indices, cells, modes in self._batches(observation):
+            part = self._converge(observation.select(indices), cells, modes)
+            found.put(indices, part, torch.ones_like(indices, dtype=torch.bool))
+        return found
+
+    def _batches(self, observation: BatchedObservation) -> Iterator[tuple[Int[torch.Tensor, " some"], int, int]]:
+        """Yield the touching observations in batches of like size, and the numbers of cells and modes that each batch needs."""
+        region = observation.region.flatten(1)
+        power = region @ self._modes.square()
+        modes = (power >= qp.MIN_MODE_POWER * power.amax(1, keepdim=True)).sum(1)
+        sizes = torch.stack([region.sum(1).long(), modes]).cpu()
+        order = sizes[0].argsort(descending=True)
+        order = order[: int((sizes[0] > 0).sum())]
+        numbers = self._height_windows[0].shape[2:].numel()
+        while len(order):
+            cells = _up_to(int(sizes[0, order[0]]), _CELLS_STEP, region.shape[1])
+            largest = _LARGEST_GPU_BATCH if self.gpu_schedule else _LARGEST_BATCH
+            many = max(largest // (cells * numbers), 1)
+            # No more than half of the unknowns of a contact are without effect.
+            part = order[:many]
+            part = part[sizes[0, part] * 2 + _CELLS_STEP >= cells]
+            yield (
+                part.to(region.device),
+                cells,
+                _up_to(int(sizes[1, part].max()), _MODES_STEP, self._modes.shape[1]),
+            )
+            order = order[len(part) :]
+
+    def _converge(self, observation: BatchedObservation, cells: int, modes: int) -> BatchedInversionResult:
+        """Return the result nearest to convergence of each observation, as `TractionInversion` does from the heights."""
+        solver, guess = self.inversion.solver, self._guess_from_heights(observation)
+        best: BatchedInversionResult | None = None
+        going = torch.arange(len(observation.change), device=self.device)
+        for _ in range(solver.max_iterations):
+            result, misfit = self._iterate(observation, guess, cells, modes)
+            distance = self._distance(result)
+            if best is None:
+                best, better = result, torch.ones_like(distance, dtype=torch.bool)
+            else:
+                better = distance < self._distance(best)[going]
+                best.put(going, result, better)
+            step = torch.where(better, guess.step, (guess.step / 2).clamp(min=single.SMALLEST_STEP))
+            about = guess.tractions + step[:, None, None, None] * (result.tractions - guess.tractions)
+            guess = _Guess(about, self._forward.deform(about), misfit, step)
+            going_on = (distance > 1).nonzero()[:, 0]
+            if not len(going_on):
+                break
+            going, guess, observation = going[going_on], guess.select(going_on), observation.select(going_on)
+        assert best is not None
+        return best
+
+    def _distance(self, result: BatchedInversionResult) -> Numbers:
+        solver = self.inversion.solver
+        decrement = result.newton_decrement / solver.target_decrement
+        return decrement.maximum(result.pressure_change / solver.target_change)
+
+    def _iterate(
+        self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int
+    ) -> tuple[BatchedInversionResult, Numbers]:
+        """Compute one Gauss–Newton iteration; return the result and its misfit."""
+        forward, (rows, cols) = self._forward, self.inversion.forward.cells.shape
+        problem = self._linearise(observation, guess, cells, modes)
+        seen = forward.observed_change(self._law, guess.skin, observation.sight)
+        seen = seen - forward.scatter(problem.slope * guess.skin.linear_mm)
+        target = problem.negative_gradient(observation.change - seen)
+        free = guess.tractions[:, 0].flatten(1).gather(1, problem.index) > 0
+        weights = free.new_ones(len(free), problem.curvature.shape[1] - cells)
+        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, not self.gpu_schedule)
+        tractions = problem.tractions(solution.x, (rows, cols))
+        skin = forward.deform(tractions)
+        predicted = forward.observed_change(self._law, skin, observation.sight)
+        nonlinear = predicted - seen - forward.scatter(problem.slope * skin.linear_mm)
+        rest = problem.negative_gradient(nonlinear)[:, None]
+        whitened = solution.whiten_rows(torch.cat([rest, self._wrench_operator(problem)], 1))
+        decrement = whitened[:, 0].norm(dim=1).float().masked_fill(solution.wrong.any(1), torch.inf)
+        pressed = tractions[:, 0].sum((1, 2))
+        change = (tractions[:, 0] - guess.tractions[:, 0]).abs().sum((1, 2)) / pressed.clamp(min=1e-9)
+        sticking = single.STICKING_CHANGE * (_sticking_part(tractions) - problem.sticking_part).abs()
+        result = BatchedInversionResult(
+            tractions,
+            skin.height_mm[:, :rows, :cols].clone(),
+            skin.thickness_change_mm[:, :rows, :cols].clone(),
+            skin.stiffening[:, :rows, :cols].clone(),
+            whitened[:, 1:] @ whitened[:, 1:].mT,
+            decrement,
+            change.maximum(sticking),
+        )
+        return result, self._misfit(observation, predicted)
+
+    def _linearise(self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int) -> _Problem:
+        """Return the problem of each observation, linearised about its guess, with so many cells and modes."""
+        forward, region = self.inversion.forward, observation.region
+        index = region.flatten(1).argsort(dim=1, descending=True, stable=True)[:, :cells]
+        used = region.flatten(1).gather(1, index)
+        square = (observation.z_mm.square() * region).sum((1, 2)) / region.sum((1, 2))
+        strain = square.sqrt().clamp(min=single.MIN_PRIOR_DEPTH_MM) / forward.gel.thickness_mm
+        carries = smoothed(guess.tractions[:, 0] * region, self.inversion.prior.smooth_mm / forward.cells.pitch_mm)
+        pressed = used * carries.flatten(1).gather(1, index)
+        power = pressed**single.CARRYING_EXPONENT
+        pressed = power * (pressed.sum(1) / power.sum(1).clamp(min=1e-9))[:, None]
+        carried = self._carried_shear(index, pressed, modes)
+        sticking_part = _sticking_part(guess.tractions)
+        sticking = self._sticking_weights(index, pressed, carried, sticking_part)
+        slope = self._law.slope_per_mm(guess.skin.thickness_change_mm)
+        per_error = observation.in_view / self._std(observation, guess.misfit)[:, None, None]
+        gain = _level_gain(per_error)
+        jacobian = self._jacobian(index, used, carried, sticking, slope, per_error)
+        common = single.LEVEL_STD * (jacobian @ per_error.flatten(1)[..., None])
+        gram = torch.baddbmm(jacobian @ jacobian.mT, common * gain[:, None, None], common.mT, alpha=-1)
+        curvature = gram.double()
+        precision = _pairs(self._precision_kernel, index, forward.cells.shape)
+        both = used[:, :, None] * used[:, None, :]
+        curvature[:, :cells, :cells] += precision * both / strain.square()[:, None, None]
+        weights = torch.ones(2 * modes, device=self.device).expand(len(used), -1)
+        curvature.diagonal(0, 1, 2).add_(torch.cat([1 - used, weights], 1))
+        return _Problem(index, used, carried, sticking, jacobian, curvature, slope, per_error, gain, sticking_part)
+
+    def _carried_shear(
+        self, index: torch.Tensor, carries: Float32[torch.Tensor, "batch n"], modes: int
+    ) -> Float32[torch.Tensor, "batch n modes"]:
+        """Return the shear on each cell by the strongest modes; negligible ones are zero."""
+        carried = self._modes[index] * carries[..., None]
+        strongest = carried.square().sum(1).topk(modes, 1)
+        kept = strongest.values >= (qp.MIN_MODE_POWER * strongest.values[:, :1]).clamp(min=1e-30)
+        carried = carried.gather(2, strongest.indices[:, None].expand(-1, carried.shape[1], -1))
+        return carried * kept[:, None]
+
+    def _sticking_weights(
+        self,
+        index: torch.Tensor,
+        pressed: Float32[torch.Tensor, "batch n"],
+        carried: Float32[torch.Tensor, "batch n modes"],
+        sticking_part: Numbers,
+    ) -> Float32[torch.Tensor, "batch n weights"]:
+        """Return the weights of the shear modes that unit pressure on each cell brings with it."""
+        shape = self.inversion.forward.cells.shape
+        between = [_pairs(kernel, index, shape).mT for kernel in self._tangential_kernels]
+        step = (pressed.amax(1) / qp.GROWTH_STEPS).clamp(min=1e-9)[:, None]
+        weights = carried.new_zeros(len(carried), 2, carried.shape[2], carried.shape[1], dtype=torch.float64)
+        for level in range(qp.GROWTH_STEPS):
+            above = pressed - level * step
+            part = above.clamp(min=0).minimum(step) / pressed.clamp(min=1e-9)
+            held = carried * (above > 0)[..., None]
+            weights += (held.mT @ held).double()[:, None] @ (_holding_weights(held, between) * part[:, None, None])
+        gram = _damped(carried.mT @ carried)[:, None]
+        weights = torch.linalg.solve_ex(gram.expand(-1, 2, -1, -1), weights).result * sticking_part[:, None, None, None]
+        return weights.flatten(1, 2).mT.float()
+
+    def _jacobian(
+        self,
+        index: torch.Tensor,
+        used: torch.Tensor,
+        carried: torch.Tensor,
+        sticking: torch.Tensor,
+        slope: SkinFields,
+        per_error: Views,
+    ) -> Float32[torch.Tensor, "batch unknowns cells"]:
+        """Return the derivative of the signal by each unknown, over the signal's standard deviation."""
+        rows, cols = self.inversion.forward.cells.shape
+        at = rows - 1 - index // cols, cols - 1 - index % cols
+        down, across = self._point_spread
+        near = slope[:, self._skin_rows[:, None], self._skin_cols]
+        pressed, *sheared = (windows[at] for windows in self._height_windows)
+        by_modes = [(carried.mT @ each.flatten(2)).view(*carried.mT.shape[:2], *each.shape[2:]) for each in sheared]
+        heights = torch.cat([pressed * used[:, :, None, None], *by_modes], 1)
+        signal = (down @ (heights * near[:, None]) @ across) * per_error[:, None]
+        jacobian = signal.flatten(2)
+        count = index.shape[1]
+        jacobian[:, :count] += (sticking * used[..., None]) @ jacobian[:, count:]
+        return jacobian
+
+    def _wrench_operator(self, problem: _Problem) -> Float64[torch.Tensor, "batch 6 unknowns"]:
+        """Return the force and torque due to a unit of each unknown, N and N·m per MPa."""
+        carried, used = problem.carried_shear.double(), problem.used.double()
+        x, y = (self._places_mm[problem.index, axis] for axis in (0, 1))
+        none = torch.zeros_like(x)
+        pressed = torch.stack([none, none, -used, -y * used / 1e3, x * used / 1e3, none], 1)
+        common, turned_x, turned_y = (row[:, None] @ carried for row in (used, -y * used / 1e3, x * used / 1e3))
+        zero = torch.zeros_like(common)
+        along_x = torch.cat([common, zero, zero, zero, zero, turned_x], 1)
+        along_y = torch.cat([zero, common, zero, zero, zero, turned_y], 1)
+        sheared = torch.cat([along_x, along_y], 2)
+        pressed = pressed + sheared @ (problem.sticking_weights.double() * used[..., None]).mT
+        return torch.cat([pressed, sheared], 2) * self.inversion.forward.cells.patch.cell_area_mm2
+
+    def _guess_from_heights(self, observation: BatchedObservation) -> _Guess:
+        cells, z_mm = self.inversion.forward.cells, observation.z_mm
+        rows, cols = (
+            self._tensor(cells.offsets(axis)).long().clamp(0, side - 1) for axis, side in enumerate(cells.shape)
+        )
+        height_mm = z_mm[:, rows[:, None], cols]
+        about_mm = self._forward.thickness_change_mm(height_mm)
+        tractions = z_mm.new_zeros(len(z_mm), 3, *cells.shape)
+        thinning_mm = -about_mm[:, : cells.rows, : cells.cols]
+        tractions[:, 0] = thinning_mm.clamp(min=0) * observation.region * single.WINKLER_PER_MM
+        one = torch.ones_like(observation.noise)
+        return _Guess(tractions, DeformedSkin(height_mm, about_mm, torch.ones_like(about_mm), about_mm), one, one)
+
+    def _misfit(self, observation: BatchedObservation, predicted: Views) -> Numbers:
+        """Return the root mean square of the residual over its standard deviation; at least one."""
+        per_error = observation.in_view / self._std(observation, torch.ones_like(observation.noise))[:, None, None]
+        weighted = (observation.change - predicted) * per_error
+        common = single.LEVEL_STD * (weighted * per_error).sum((1, 2))
+        square = weighted.square().sum((1, 2)) - common.square() * _level_gain(per_error)
+        return (square / observation.in_view.sum((1, 2)).clamp(min=1)).clamp(min=1).sqrt()
+
+    def _std(self, observation: BatchedObservation, misfit: Numbers) -> Numbers:
+        """Return the standard deviation of a cell's change: noise and calibration error combined, scaled to the misfit."""
+        return (observation.noise.square() + self.calibration_error**2).sqrt() * misfit
+
+    @cached_property
+    def _forward(self) -> ForwardModel:
+        return replace(self.inversion.forward, like=torch.zeros((), device=self.device))
+
+    @cached_property
+    def _law(self) -> "_DeviceLaw":
+        return _DeviceLaw(self.inversion.law, self.device)
+
+    @cached_property
+    def _modes(self) -> Float32[torch.Tensor, "cells modes"]:
+        return self._tensor(self.inversion.discrete_prior.shear_modes)
+
+    @cached_property
+    def _height_windows(self) -> list[Float32[torch.Tensor, "cell_rows cell_cols skin_rows skin_cols"]]:
+        kernels, forward = self.inversion.kernels, self.inversion.forward
+        tall, wide = kernels.skin_shape
+        each = (self._tensor(influence_kernel(forward.cells, one, forward.around)) for one in forward.compliance)
+        return [one.unfold(0, tall, 1).unfold(1, wide, 1) for one in each]
+
+    @cached_property
+    def _tangential_kernels(self) -> list[Float32[torch.Tensor, "tall wide"]]:
+        """Displacement along x by pressure and by shear along x and y, then that along y by pressure and by shear along y."""
+        forward = self.inversion.forward
+        (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = forward.tangential_compliance
+        each = by_pressure_x, xx, xy, by_pressure_y, yy
+        return [self._tensor(influence_kernel(forward.cells, one, (0, 0))) for one in each]
+
+    @cached_property
+    def _precision_kernel(self) -> Float32[torch.Tensor, "tall wide"]:
+        prior = self.inversion.discrete_prior
+        return self._tensor(influence_kernel(prior.cells, prior.precision_spectrum, (0, 0)))
+
+    @cached_property
+    def _point_spread(self) -> tuple[torch.Tensor, torch.Tensor]:
+        down, across = self.inversion.kernels.point_spread
+        return self._tensor(down), self._tensor(across)
+
+    @cached_property
+    def _skin_rows(self) -> torch.Tensor:
+        return torch.as_tensor(self.inversion.kernels.skin_indices[0], device=self.device)
+
+    @cached_property
+    def _skin_cols(self) -> torch.Tensor:
+        return torch.as_tensor(self.inversion.kernels.skin_indices[1], device=self.device)
+
+    @cached_property
+    def _places_mm(self) -> Float64[torch.Tensor, "cells 2"]:
+        x, y = (self._tensor(axis).double().flatten() for axis in self.inversion.forward.cells.coordinates_mm)
+        return torch.stack([x, y], 1)
+
+    def _tensor(self, values: Array) -> torch.Tensor:
+        return torch.as_tensor(values, dtype=torch.float32, device=self.device)
+
+
+class _DeviceLaw:
+    """`BrightnessLaw` on a device."""
+
+    def __init__(self, law: BrightnessLaw, device: str) -> None:
+        self._height, self._change = (
+            torch.as_tensor(knots, dtype=torch.float32, device=device) for knots in (law.height_mm, law.change)
+        )
+        self._slope = self._change.diff() / self._height.diff()
+
+    def __call__(self, height_mm: torch.Tensor) -> torch.Tensor:
+        """Return the relative change of brightness."""
+        segment = self._segment(height_mm)
+        inside_mm = height_mm.clamp(self._height[0], self._height[-1])
+        return self._change[segment] + self._slope[segment] * (inside_mm - self._height[segment])
+
+    def slope_per_mm(self, height_mm: torch.Tensor) -> torch.Tensor:
+        """Return the derivative of the change with respect to height."""
+        return self._slope[self._segment(height_mm)]
+
+    def _segment(self, height_mm: torch.Tensor) -> torch.Tensor:
+        return torch.searchsorted(self._height[1:-1], height_mm.contiguous(), right=True)
+
+
+def _up_to(count: int, step: int, most: int) -> int:
+    """Return the count rounded up to whole steps."""
+    return min(-(-count // step) * step, most)
+
+
+def _pairs(kernel: torch.Tensor, index: torch.Tensor, shape: tuple[int, int]) -> Float32[torch.Tensor, "batch n n"]:
+    """Return the response of each cell (last axis) to each cell."""
+    rows, cols = shape
+    row, col = index // cols, index % cols
+    return kernel[
+        rows - 1 - row[:, :, None] + row[:, None, :],
+        cols - 1 - col[:, :, None] + col[:, None, :],
+    ]
+
+
+def _level_gain(per_error: Views) -> Numbers:
+    return 1 / (1 + single.LEVEL_STD**2 * per_error.square().sum((1, 2)))
+
+
+def _sticking_part(tractions: Tractions) -> Numbers:
+    """Return `traction_from_brightness`'s part of the shear that friction still bears."""
+    pressed, along_x, along_y = tractions.sum((2, 3)).unbind(1)
+    shear = torch.hypot(along_x, along_y)
+    return (1 - shear / (single.SLIDES_FROM * pressed).clamp(min=1e-9)).clamp(min=0)
+
+
+def _holding_weights(
+    modes: Float32[torch.Tensor, "batch n modes"], between: list[torch.Tensor]
+) -> Float64[torch.Tensor, "batch 2 modes n"]:
+    """Return the weights of shear modes, along x and along y, that hold their cells under unit pressure on each cell."""
+    by_pressure_x, *across, by_pressure_y, yy = between
+    pushed = torch.cat([modes.mT @ by_pressure_x, modes.mT @ by_pressure_y], 1)
+    xx, xy, yy = (modes.mT @ displacement @ modes for displacement in (*across, yy))
+    stiff = torch.cat([torch.cat([xx, xy], 2), torch.cat([xy.mT, yy], 2)], 1)
+    return -torch.linalg.solve_ex(_damped(stiff), pushed.double()).result.unflatten(1, (2, -1))
+
+
+def _damped(gram: Float32[torch.Tensor, "batch n n"]) -> Float64[torch.Tensor, "batch n n"]:
+    damping = (qp.MODE_DAMPING * gram.amax((1, 2))).clamp(min=1e-12).double()
+    return gram.double() + damping[:, None, None] * torch.eye(gram.shape[1], dtype=torch.float64, device=gram.device)
+
+
+def _solve(
+    curvature: Float64[torch.Tensor, "batch n n"],
+    target: Float64[torch.Tensor, "batch n"],
+    free: Bool[torch.Tensor, "batch n"],
+    bounded: int,
+    looks: bool,
+) -> _Solution:
+    """Return the minimum of ½ xᵀHx − bᵀx where the first `bounded` unknowns are not negative (`solve_nonnegative_qp`)."""
+    root = curvature.diagonal(0, 1, 2).sqrt()
+    may_be_held = torch.arange(free.shape[1], device=free.device) < bounded
+    solution = _solve_free(curvature, target, free, root, may_be_held)
+    for _ in range(_EXCHANGES - 1):
+        if looks and not solution.wrong.any():
+            break
+        solution = _solve_free(curvature, target, solution.free ^ solution.wrong, root, may_be_held)
+    return replace(solution, x=torch.where(may_be_held, solution.x.clamp(min=0), solution.x))
+
+
+def _solve_free(
+    curvature: torch.Tensor, target: torch.Tensor, free: torch.Tensor, root: torch.Tensor, may_be_held: torch.Tensor
+) -> _Solution:
+    """Return the minimum over the free unknowns, the others being zero, and which unknowns are on the wrong side."""
+    held = (~free).to(curvature.dtype)
+    part = curvature * (1 - held)[:, :, None] * (1 - held)[:, None, :]
+    part.diagonal(0, 1, 2).add_(held)
+    factor = torch.linalg.cholesky_ex(part).L
+    x = torch.cholesky_solve((target * free)[..., None], factor)[..., 0]
+    gradient = target - (curvature @ x[..., None])[..., 0]
+    rising = ~free & (gradient > qp.WRONG_SIDE_STDS * root)
+    negative = free & may_be_held & (x * root < -qp.WRONG_SIDE_STDS)
+    return _Solution(x, free, factor, rising | negative)
