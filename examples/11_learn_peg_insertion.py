@@ -18,7 +18,7 @@ import ninedtact_train.environments.peg_insertion_environment  # noqa: F401 - re
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=50_000, help="environment steps of each policy")
 parser.add_argument("--envs", type=int, default=32)
-parser.add_argument("--episodes", type=int, default=200, help="episodes after training")
+parser.add_argument("--episodes", type=int, default=100, help="episodes after training")
 parser.add_argument("--pitch-mm", type=float, default=0.5, help="pitch of the grid of contacts; finer is slower")
 parser.add_argument("--device", default="cpu", help="of torch; on 'cuda' contacts are solved there too")
 options = parser.parse_args()

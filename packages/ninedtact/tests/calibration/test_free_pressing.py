@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -98,6 +99,16 @@ def test_an_alignment_is_found_within_its_errors(mount: ForceTorqueMount, delay_
     upside_down = mount is MOUNTS["upside down"]
     assert found.is_upside_down(ForceTorqueMount()) == upside_down
     assert found.turned_from_deg(mount) < 4
+
+
+@pytest.mark.parametrize(("mount", "drag"), [("as designed", 0.0), ("upside down", 0.3)])
+def test_a_camera_that_mirrors_its_images_is_told_by_shear(mount: str, drag: float) -> None:
+    """However the device is mounted; straight presses do not tell it."""
+    at_s, true, moments = pressing(drag)
+    samples_s, six = measure(at_s, true, MOUNTS[mount])
+    samples = ForceTorqueSamples(samples_s, six, np.ones(len(six), bool))
+    with pytest.raises(PressingUnusable, match="--camera-mirrored") if drag else nullcontext():
+        fit_alignment(moments.mirrored, samples, ForceTorqueMount())
 
 
 def test_what_straight_presses_do_not_tell_keeps_its_prior() -> None:

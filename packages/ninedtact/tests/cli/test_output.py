@@ -58,6 +58,7 @@ def test_an_output_of_any_encoding_gets_a_readable_text(encoding: str, sensor_a:
 
     plan = printed("calibrate", "--plan", "--out", str(sensor))
     assert ("+/-" if encoding == "ascii" else "±") in plan and "\\" not in plan
+    assert "* calibrate" in printed("--help") and "\\" not in printed("--help")
     image = str(sensor / "images" / "ball_reference.png")
     assert "fühler" in str(json.loads(printed("check", "--sensor", str(sensor), image, "--json")))
 

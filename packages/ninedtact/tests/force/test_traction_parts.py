@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ninedtact.design import Gel
-from ninedtact.force.traction.brightness_from_traction import ForwardModel, InfluenceKernels
+from ninedtact.force.traction.brightness_from_traction import DeformedSkin, ForwardModel, InfluenceKernels
 from ninedtact.force.traction.linearisation_and_qp import (
     DiscretePrior,
     LinearisedBrightnessProblem,
@@ -15,9 +15,7 @@ from ninedtact.force.traction.linearisation_and_qp import (
     Whitener,
     solve_nonnegative_qp,
 )
-from ninedtact.force.traction.observation import (
-    CellGrid,
-)
+from ninedtact.force.traction.observation import BrightnessLaw, CellGrid, LinesOfSight
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain
 from ninedtact.mechanics.pose import Pose
@@ -72,6 +70,60 @@ def test_thickness_at_finite_strain_is_that_of_the_twin() -> None:
     straight_mm = linear.thickness_change_mm
     off_mm = np.abs(found.thickness_change_mm - true_mm)
     assert off_mm.max() < 0.1 * np.abs(true_mm - straight_mm).max()
+
+
+def dent_mm(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A dent with a bulge around it, off the middle."""
+    square = ((x - 2) ** 2 + (y + 1) ** 2) / 1.2**2
+    return -1.2 * (1 - square / 2) * np.exp(-square / 2)
+
+
+def test_skin_is_seen_where_lines_of_sight_meet_it_and_kinks_of_the_law_are_not_smoothed_by_cells() -> None:
+    from scipy.ndimage import gaussian_filter, uniform_filter
+
+    law = BrightnessLaw(np.array([-2.0, 0.0, 2.0]), np.array([-0.24, 0.0, 0.9]))
+    y, x = np.meshgrid(*((CELLS.offsets(axis) - (CELLS.shape[axis] - 1) / 2) * 0.5 for axis in (0, 1)), indexing="ij")
+    height_mm = dent_mm(x, y).astype(np.float32)
+    skin = DeformedSkin(height_mm, height_mm, np.ones_like(height_mm), height_mm)
+    sight = LinesOfSight(0.06, np.stack(np.meshgrid(*map(np.arange, (26, 20)))).astype(np.float32))
+    found = FORWARD.observed_change(law, skin, sight)
+    # Brute force: parts of 0.05 mm, of which ten make a cell.
+    down, across = np.meshgrid(np.arange(-8.975, 9, 0.05), np.arange(-10.475, 10.5, 0.05), indexing="ij")
+    seen_mm = 0 * down
+    for _ in range(30):
+        seen_mm = dent_mm(across * (1 + 0.06 * seen_mm), down * (1 + 0.06 * seen_mm))
+    fine = uniform_filter(gaussian_filter(law(seen_mm.astype(np.float32)), 0.6 / 0.05), 10)
+    middles = [
+        np.arange(side) * 10 + (long - side * 10) // 2 + 5 for side, long in zip((20, 26), fine.shape, strict=True)
+    ]
+    true = fine[np.ix_(*middles)]
+    assert np.abs(found - true).max() < 0.02 * np.abs(true).max()
+    straight = FORWARD.observed_change(law, skin, None)
+    assert np.abs(straight - true).max() > 0.05 * np.abs(true).max()
+
+
+def sideways_mm(tractions: np.ndarray, touched: np.ndarray) -> float:
+    """Root mean square of the displacement of touched skin along the surface."""
+    moved = FORWARD.tangential_compliance * np.fft.rfft2(tractions, s=CELLS.patch.shape)
+    fields = np.fft.irfft2(moved.sum(axis=1), s=CELLS.patch.shape)[:, : CELLS.rows, : CELLS.cols]
+    return float(np.sqrt((fields[:, touched > 0] ** 2).mean()))
+
+
+def test_pressure_brings_the_shear_that_holds_a_flat_contact_and_less_where_the_contact_grew() -> None:
+    line = linearised()
+    row, col = line.contact_cells
+    pressure = np.concatenate([np.ones(len(row)), np.zeros(2 * line.carried_shear.shape[1])])
+    held = line.tractions(pressure)
+    free = held * np.array([1, 0, 0])[:, None, None]
+    assert sideways_mm(held, line.region) < 0.4 * sideways_mm(free, line.region)
+    cone = np.maximum(1 - np.hypot(row - 9, col - 12) / 6, 0.01)
+    carries = line.carries.copy()
+    carries[row, col] = cone
+    grown = replace(line, carries=carries)
+    at_once = replace(grown, growth_steps=1)
+    unknowns = np.concatenate([cone, np.zeros(2 * grown.carried_shear.shape[1])])
+    shear, more = (np.abs(each.tractions(unknowns)[1:]).sum() for each in (grown, at_once))
+    assert 0.5 * more < shear < 0.95 * more
 
 
 def test_the_columns_are_what_the_unknowns_do_to_the_light() -> None:

@@ -10,6 +10,7 @@ _SPELLED = {
     "≈": "~", "°": " deg", "√": "sqrt", "∝": "~", "⌀": "diameter ", "‖": "|", "✓": "ok", "✗": "x", "“": '"', "”": '"', "‘": "'",
     "’": "'", "§": "section ", "├": "|", "└": "`", "│": "|", "─": "-", "■": "#", "█": "#", "▇": "#", "▆": "=", "▅": "=", "▄": "=",
     "▃": "-", "▂": "_", "▁": "_", "∇": "grad ", "⊗": "x", "ℓ": "l", "µ": "u", "⁄": "/",
+    "•": "*", "←": "<-", "↑": "^", "↓": "v", "∞": "inf", "≠": "!=", "∑": "sum", "∂": "d",
 }  # fmt: skip
 """Words and signs of ASCII for characters that no decomposition spells."""
 
@@ -27,6 +28,8 @@ def _spell_character(character: str) -> str:
     name = unicodedata.name(character, "")
     if name.startswith("GREEK"):
         return name.split(" WITH ")[0].rsplit(maxsplit=1)[-1].lower()
+    if name.startswith("BOX DRAWINGS"):
+        return {(True, False): "-", (False, True): "|"}.get(("HORIZONTAL" in name, "VERTICAL" in name), "+")
     plain = unicodedata.normalize("NFKD", character)
     kept = "".join(part for part in plain if not unicodedata.combining(part))
     if plain != character or unicodedata.combining(character):

@@ -44,8 +44,7 @@ def correct_for_finite_strain(contact: Contact) -> Contact:
     xp = array_namespace_of(contact.pressure_mpa)
     stiffening = finite_strain_stiffening(contact.height_mm, contact.thickness_change_mm, gel)
     pressure, shear = contact.pressure_mpa * stiffening, contact.shear_mpa * stiffening[..., None, :, :]
-    change_by_pressure_mm = -skin.operators.indentation_from_pressure_mm(contact.pressure_mpa)
-    change_by_pressure_mm = change_by_pressure_mm - skin.interface_height_mm(contact.pressure_mpa)
+    change_by_pressure_mm = skin.thickness_change_by_pressure_mm(contact.pressure_mpa)
     greatest_thinning_mm = xp.max(xp.max(-contact.thickness_change_mm, axis=-1, keepdims=True), axis=-2, keepdims=True)
     thickening_mm = finite_strain_thickening_mm(
         change_by_pressure_mm, greatest_thinning_mm, gel, skin.grid, contact.tangential_mm

@@ -289,6 +289,16 @@ class Skin:
             wave = wave + sheared[..., 0, :, :] + sheared[..., 1, :, :]
         return inverse_transform(wave, self.grid.shape, self.grid.shape)
 
+    def thickness_change_by_pressure_mm(self, pressure: ScalarField) -> ScalarField:
+        """Return the change of the gel's thickness by pressure alone, in mm, which is negative where it gets thinner."""
+        wave = forward_transform(pressure, self.grid.shape) * self._thickness_by_pressure
+        return inverse_transform(wave, self.grid.shape, self.grid.shape)
+
+    @cached_property
+    def _thickness_by_pressure(self) -> Any:
+        """The factor of the transform of pressure that gives the change of the gel's thickness, in the arrays of this skin."""
+        return -self.operators.normal - (0 if self.gel.has_rigid_base else self._interface_arrays[0])
+
     @cached_property
     def operators(self) -> DisplacementOperators:
         """The operators of the whole periodic grid."""

@@ -30,6 +30,7 @@ _MAX_RMS_MM = 0.08
 _MAX_KEY_FRAMES = 40
 _SEEN_TURN_RAD = 0.3
 """Standard deviation of a turn up to which it is seen."""
+_FAST_TURNS_RAD = np.radians([-16, -8, 8, 16])
 _NO_TURN = np.diag([0, 0, 0, 0, 0, PRIOR_RAD**2])
 """What is added to the covariance where the turn is not known."""
 
@@ -120,7 +121,7 @@ class ObjectTracker:
     def _follow(self, surface: TouchedSurface, doubt: str) -> ObjectMotion:
         if self._current is None:
             return self._recognise(surface)
-        found = self.register(self._current.surface, surface, self._predicted())
+        found = self._registered(self._current, surface)
         reason = _reason_to_reject(found)
         if found is None or reason:
             return self._lose(TrackState.LOST, doubt or reason)
@@ -129,6 +130,18 @@ class ObjectTracker:
         before = [] if self._turn_was_lost else self._relative[-1:]
         self._relative = [*before, found.motion]
         return self._accept(self._current, found, surface)
+
+    def _registered(self, key: _KeyFrame, surface: TouchedSurface) -> RegistrationResult | None:
+        """Return the motion since a key frame; where the turn gets out of sight, from turns near by, too: it may have been fast."""
+        guess = self._predicted()
+        found = self.register(key.surface, surface, guess)
+        if found is None or found.std[5] < _SEEN_TURN_RAD or self._turn_was_lost:
+            return found
+        centre_mm = guess(key.surface.centre_mm)
+        turned = (guess.perturbed(centre_mm, np.array([0, 0, 0, 0, 0, angle])) for angle in _FAST_TURNS_RAD)
+        others = [self.register(key.surface, surface, one) for one in turned]
+        seen = [one for one in others if one is not None and one.std[5] < _SEEN_TURN_RAD and one.rms_mm < found.rms_mm]
+        return min(seen, key=lambda one: one.rms_mm, default=found)
 
     def _with_doubt_of_turn(
         self, key: _KeyFrame, found: RegistrationResult, surface: TouchedSurface

@@ -53,8 +53,8 @@ _LAG, _LAG_OF_TURN = np.array([0.03, 0.03, 0.02, 0.003, 0.003, 0]), 0.02
 """Errors, mm and rad, that light and gel leave: at rest, per mm of displacement, and of the turn per turn, because scattered light
 of the skin that is dragged along lets an object appear to lag behind. Found on five simulated sensors and ten objects, none of
 them in the benchmark; sharp sensors err less."""
-_LEAST_SIGNAL = 0.5
-"""Share of the information about a direction that must not be noise for it to be searched."""
+_SEARCHED, _CLAIMED = 0.5, 0.7
+"""Shares of the information about a direction that must not be noise for it to be searched, and for what is found to be claimed."""
 _PRIOR_MM, PRIOR_RAD = 5.0, 2.0
 """Standard deviation of a motion that is not seen: as large as the skin, and any angle."""
 _UPRIGHT, _UPRIGHT_RAD = np.array([1, 1, 1, 0, 0, 1]), radians(1)
@@ -152,14 +152,16 @@ class Registration:
             noise = _information_of_noise(weight, lever, error_mm) * np.outer(free / scale, free / scale)
             values, directions = np.linalg.eigh(fit.information)
             signal = values - np.einsum("ij,ik,kj->j", directions, noise, directions)
-            is_seen = signal > _LEAST_SIGNAL * values
+            is_seen = signal > _SEARCHED * values
             step = directions @ np.where(is_seen, -(directions.T @ fit.gradient) / np.maximum(values, 1e-12), 0)
             dragged_mm = earlier.smooth_fields @ fit.coefficients_after(step)
             motion = motion.perturbed(motion(earlier.centre_mm), step / scale)
             if self.ends(iteration, step):
                 break
         prior = free * ([_PRIOR_MM] * 3 + [PRIOR_RAD * radius_mm] * 3) + (1 - free) * _UPRIGHT_RAD * radius_mm
-        signal = np.where(is_seen, signal / _variance_of_point(max(rms_mm, LEAST_DISTANCE_MM), earlier), 0)
+        signal = np.where(
+            signal > _CLAIMED * values, signal / _variance_of_point(max(rms_mm, LEAST_DISTANCE_MM), earlier), 0
+        )
         known = directions * signal @ directions.T
         covariance = np.linalg.inv(known + np.diag(prior**-2)) / np.outer(scale, scale)
         centre_mm, overlap = motion(earlier.centre_mm), float((both > 0.5).mean())

@@ -1,11 +1,10 @@
 """One Gauss–Newton iteration: the brightness law linearised about a guess, which leaves a quadratic programme in the tractions.
 
 The prior (`TractionPrior`) has the statistics of simulated presses, in units of the shear modulus (docs/force_physics.md has the
-figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, less of it below 0.4 mm, and a standard deviation in proportion to the
-indentation over the gel's thickness. Shear has the
-mean that keeps the skin under the pressure from spreading sideways, as friction does, and deviates from it by pressure times a
-smooth ratio. One part of this ratio is constant over the contact (the tangential load: 0.2 on each axis); the other varies over
-about two millimetres (0.2).
+figures). Pressure has the correlation exp(−r/ℓ), ℓ = 1.9 mm, less of it below 0.5 mm, and a standard deviation in proportion to the
+indentation over the gel's thickness. Shear has the mean that keeps the skin under the pressure from spreading sideways, as friction
+does, and deviates from it by a power of the pressure times a smooth ratio. One part of this ratio is constant over the contact (the
+tangential load: 0.2 on each axis); the other varies over about two millimetres (0.2).
 
 The quadratic programme of one linearisation has unknowns that must not be negative. It is solved exactly, by block principal
 pivoting: each bounded unknown is free, or held at zero. The free unknowns are solved for; then those that are negative are held,
@@ -224,7 +223,7 @@ class LinearisedBrightnessProblem:
     region: View
     """Contact region: one on cells where pressure may act, zero elsewhere."""
     carries: View
-    """Smoothed pressure, to which shear is proportional."""
+    """Power of the smoothed pressure, to which shear is proportional."""
     slope: SkinField
     """Derivative of the brightness law at the guess."""
     whitener: Whitener
@@ -232,6 +231,7 @@ class LinearisedBrightnessProblem:
     """Root mean square of the indentation over the gel's thickness, which scales the prior of pressure."""
     sticking_part: float = 1.0
     """Part of the shear that keeps the skin in place which friction bears; a contact that slides has none left."""
+    growth_steps: int = GROWTH_STEPS
 
     @cached_property
     def contact_cells(self) -> tuple[Int[Array, " n"], Int[Array, " n"]]:
@@ -258,9 +258,9 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         carried, modes = self.carries[row, col], self.carried_shear
         between = self.kernels.tangential_between_cells(row, col)
-        step = max(float(carried.max()) / GROWTH_STEPS, 1e-9)
+        step = max(float(carried.max()) / self.growth_steps, 1e-9)
         weights = np.zeros((2, modes.shape[1], len(row)))
-        for level in range(GROWTH_STEPS):
+        for level in range(self.growth_steps):
             above = carried - level * step
             held = above > 0
             if held.any():

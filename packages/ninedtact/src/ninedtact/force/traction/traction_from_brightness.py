@@ -50,7 +50,7 @@ _WARM_SLACK = 1.5
 STICKING_CHANGE = 2.0
 """Weight of a change of the part that sticks among those of the pressure."""
 CARRYING_EXPONENT = 0.75
-"""Power of the smoothed pressure to which shear is proportional."""
+"""Power of the smoothed pressure to which shear is proportional: towards the rim it falls off more slowly than pressure."""
 LEVEL_STD = 0.003
 """Standard deviation of the relative brightness offset that all cells share."""
 
