@@ -155,7 +155,7 @@ def fit_once(images: CalibrationImages, design: SensorDesign) -> Certificate:
     )
     warnings = press_through_gel_warnings(twin.press.depth_mm, design.gel)
     return Certificate(
-        second_ball=make_second_ball_quality(twin),
+        second_ball=make_second_ball_quality(twin, twin) if twin.further else None,
         lengths=assess_stated_lengths(board, twin, design),
         warnings=warnings,
     )
