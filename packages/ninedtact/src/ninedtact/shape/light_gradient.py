@@ -26,11 +26,12 @@ _FLAT_PER_MM = 0.004
 _REACH_MM = 5.0
 """Distance from skin that is not flat beyond which no skin is displaced. Flat bulges reach farther over thick gels: with 3 mm they
 were taken for light, and shear on gels of 2.6 and 3.2 mm lost a fifth and two fifths of its skill."""
-_LEAST_SHARE, _UNTOUCHED_SHARE = 0.15, 0.9
-"""Shares of undisplaced skin from which a gradient is known, and from which nothing large touches."""
-_LEAST_AMPLITUDE_UNTOUCHED, _LEAST_AMPLITUDE = 0.005, 0.01
-"""Amplitude from which a gradient is taken out, where nothing large touches and beside a press."""
 _LINEAR, _SECOND_ORDER = 3, 6
+_PRESSED = {_SECOND_ORDER: (_REACH_MM, 0.15, 0.01), _LINEAR: (0.0, 0.4, 0.012)}
+"""By the number of terms, beside a press: the reach, the share of undisplaced skin from which a gradient is known, and the
+amplitude from which it is taken out. Displaced skin hardly looks linear, so that all flat skin serves."""
+_UNTOUCHED_SHARE, _LEAST_AMPLITUDE_UNTOUCHED = 0.9, 0.005
+"""Share of undisplaced skin from which nothing large touches, and the amplitude from which a gradient is taken out then."""
 _MOST_LEFT_UNTOUCHED, _MOST_LEFT = 0.7, {_SECOND_ORDER: 0.5, _LINEAR: 0.35}
 """Spread of undisplaced skin that it leaves at most, over that without it; for the numbers of terms beside a press."""
 _MOST, _SIMPLER = 0.8, 1.5
@@ -98,11 +99,12 @@ def find_light_gradient(ratio: Cells, reference: Cells, seen: CellMask, cell_mm:
 def _find_known_gradient(logarithm: Cells, seen: CellMask, cell_mm: float) -> tuple[LightGradient | None, CellMask]:
     """Return the gradient of the highest order that undisplaced skin determines, if it explains this skin, and the skin."""
     for terms, most_left in _MOST_LEFT.items():
-        found, skin = _search_gradient(logarithm, seen, cell_mm, terms)
-        share, least = skin.sum() / seen.sum(), _LEAST_AMPLITUDE
+        reach_mm, least_share, least = _PRESSED[terms]
+        found, skin = _search_gradient(logarithm, seen, cell_mm, terms, reach_mm)
+        share = skin.sum() / seen.sum()
         if share > _UNTOUCHED_SHARE:
             least, most_left = _LEAST_AMPLITUDE_UNTOUCHED, _MOST_LEFT_UNTOUCHED
-        if found is None or share < _LEAST_SHARE or found.amplitude < max(least, found.error):
+        if found is None or share < least_share or found.amplitude < max(least, 1.5 * found.error):
             continue
         if _spread(logarithm - found.logarithm(skin.shape), skin) < most_left * _spread(logarithm, skin):
             return found, skin
@@ -129,14 +131,14 @@ def _spread_without_gamma(logarithm: Cells, structure: Cells, skin: CellMask) ->
 
 
 def _search_gradient(
-    logarithm: Cells, seen: CellMask, cell_mm: float, terms: int
+    logarithm: Cells, seen: CellMask, cell_mm: float, terms: int, reach_mm: float
 ) -> tuple[LightGradient | None, CellMask]:
     """Return the gradient of undisplaced skin, and this skin, each found with the other in turn."""
     found, flat_per_cell = None, _FLAT_PER_MM * cell_mm
     slopes = _slopes(logarithm)
     limit = 2 * max(flat_per_cell, float(np.median(slopes)))
     for _ in range(_SEARCHES):
-        skin = _undisplaced_skin(slopes < limit, seen, cell_mm)
+        skin = _undisplaced_skin(slopes < limit, seen, cell_mm, reach_mm)
         found = _fit_gradient(logarithm, skin, terms)
         if found is None or found.amplitude < _LEAST_AMPLITUDE_UNTOUCHED:
             break
@@ -144,9 +146,9 @@ def _search_gradient(
     return found, skin
 
 
-def _undisplaced_skin(flat: CellMask, seen: CellMask, cell_mm: float) -> CellMask:
+def _undisplaced_skin(flat: CellMask, seen: CellMask, cell_mm: float, reach_mm: float) -> CellMask:
     """Return the cells in view that are far from all that are not flat."""
-    reach = 2 * round(_REACH_MM / cell_mm) + 1
+    reach = 2 * round(reach_mm / cell_mm) + 1
     near = cv2.dilate((~flat).view(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
     return np.asarray(seen & (near == 0))
 
