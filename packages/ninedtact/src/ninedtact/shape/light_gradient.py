@@ -34,6 +34,9 @@ _UNTOUCHED_SHARE, _LEAST_AMPLITUDE_UNTOUCHED = 0.9, 0.005
 """Share of undisplaced skin from which nothing large touches, and the amplitude from which a gradient is taken out then."""
 _MOST_LEFT_UNTOUCHED, _MOST_LEFT = 0.7, {_SECOND_ORDER: 0.5, _LINEAR: 0.35}
 """Spread of undisplaced skin that it leaves at most, over that without it; for the numbers of terms beside a press."""
+_LEAST_SEEN = 0.25
+"""Spread of undisplaced skin over the amplitude of the gradient fitted to it. It is at least 0.4 in uneven light; skin that shows
+less of a gradient is displaced a little, and the gradient lies where nothing was fitted."""
 _MOST, _SIMPLER = 0.8, 1.5
 """Share of skin whose spread is compared; and the spread that a simpler change of the light, linear or a gamma, may leave over that
 of a gradient, to be taken in its place."""
@@ -106,7 +109,9 @@ def _find_known_gradient(logarithm: Cells, seen: CellMask, cell_mm: float) -> tu
             least, most_left = _LEAST_AMPLITUDE_UNTOUCHED, _MOST_LEFT_UNTOUCHED
         if found is None or share < least_share or found.amplitude < max(least, 1.5 * found.error):
             continue
-        if _spread(logarithm - found.logarithm(skin.shape), skin) < most_left * _spread(logarithm, skin):
+        spread = _spread(logarithm, skin)
+        is_seen = spread > _LEAST_SEEN * found.amplitude
+        if is_seen and _spread(logarithm - found.logarithm(skin.shape), skin) < most_left * spread:
             return found, skin
     return None, seen
 
