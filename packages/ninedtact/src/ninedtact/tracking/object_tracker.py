@@ -122,7 +122,7 @@ class ObjectTracker:
     def _follow(self, surface: TouchedSurface, doubt: str) -> ObjectMotion:
         if self._current is None:
             return self._recognise(surface)
-        found = self._registered(self._current, surface)
+        found = self._find_motion(self._current, surface)
         reason = _reason_to_reject(found)
         if found is None or reason:
             return self._lose(TrackState.LOST, doubt or reason)
@@ -132,9 +132,9 @@ class ObjectTracker:
         self._relative = [*before, found.motion]
         return self._accept(self._current, found, surface)
 
-    def _registered(self, key: _KeyFrame, surface: TouchedSurface) -> RegistrationResult | None:
+    def _find_motion(self, key: _KeyFrame, surface: TouchedSurface) -> RegistrationResult | None:
         """Return the motion since a key frame; where the turn gets out of sight, from turns near by, too: it may have been fast."""
-        guess = self._predicted()
+        guess = self._predict_motion()
         found = self.register(key.surface, surface, guess)
         if found is None or found.std[5] < _SEEN_TURN_RAD or self._turn_was_lost:
             return found
@@ -154,7 +154,7 @@ class ObjectTracker:
         self._turn_was_lost = self._turn_was_lost and fits_at_another_turn(self.register, key.surface, surface, found)
         return replace(found, covariance=found.covariance + _NO_TURN) if self._turn_was_lost else found
 
-    def _predicted(self) -> RigidMotion:
+    def _predict_motion(self) -> RigidMotion:
         """Return the motion since the key frame if the last step is repeated."""
         if len(self._relative) < 2:
             return self._relative[-1] if self._relative else RigidMotion()

@@ -241,13 +241,13 @@ def _fit_motion_and_fields(
     stiffness: float,
 ) -> _Fit:
     """Return the least squares of distance + derivative·step − fields·coefficients, with the stiffness on each coefficient."""
-    weighted = fields * weight[:, None]
-    of_fields = weighted.T @ fields + stiffness * np.eye(fields.shape[1])
-    both = weighted.T @ np.column_stack([distance, derivative])
-    solved = np.linalg.solve(of_fields, both)
-    pulled = derivative * weight[:, None]
-    information = pulled.T @ derivative - both[:, 1:].T @ solved[:, 1:]
-    return _Fit(information, pulled.T @ distance - both[:, 1:].T @ solved[:, 0], solved[:, 0], solved[:, 1:])
+    weighted_fields, weighted_derivative = fields * weight[:, None], derivative * weight[:, None]
+    information_of_fields = weighted_fields.T @ fields + stiffness * np.eye(fields.shape[1])
+    right_sides = weighted_fields.T @ np.column_stack([distance, derivative])
+    solved = np.linalg.solve(information_of_fields, right_sides)
+    at_rest, by_step, coupling = solved[:, 0], solved[:, 1:], right_sides[:, 1:]
+    information = weighted_derivative.T @ derivative - coupling.T @ by_step
+    return _Fit(information, weighted_derivative.T @ distance - coupling.T @ at_rest, at_rest, by_step)
 
 
 def _radius_of_gyration(surface: TouchedSurface) -> float:

@@ -59,7 +59,7 @@ def _smooth_samples(
         noise_by_second_differences(values[firm, at], 0) for at in (slice(2), slice(2, 4))
     )
     scale = np.maximum([displacement_noise] * 2 + [load_noise] * 2, 1e-9)
-    runs, smooth = list(_runs(is_touching)), values.copy()
+    runs, smooth = list(_contact_runs(is_touching)), values.copy()
     images, left = _choose_smoothing(values[:, :4] / scale, runs)
     for run in runs:
         smooth[run] = _smooth(values[run], images)
@@ -79,7 +79,7 @@ def _smooth_samples(
     ]
 
 
-def _runs(is_touching: Bool[Array, " n"]) -> Iterator[Int[Array, " run"]]:
+def _contact_runs(is_touching: Bool[Array, " n"]) -> Iterator[Int[Array, " run"]]:
     """Yield the indices of every contact."""
     at = np.flatnonzero(is_touching)
     yield from np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
