@@ -52,24 +52,25 @@ class BatchedDepthReader:
             )
 
     def __call__(self, images: Shaped[torch.Tensor, "batch raw_rows raw_cols"]) -> Fields:
-        """Return the signed heights in mm on the rectified grid; raises `InputError` for images of another kind or place.
+        """Return the signed heights in mm on the rectified grid. images: grey, uint8, on the device of the reader.
 
-        images: grey, uint8, on the device of the reader.
+        Raises `InputError` as `require_own` does.
         """
         self.require_own(images)
         return self.heights_mm(self.rectified(images))
 
     def require_own(self, images: Shaped[torch.Tensor, "..."]) -> None:
-        """Raise `InputError` for images of another kind or place."""
+        """Raise `InputError` for images of another type, shape or device, and for no images."""
         wanted, device = self.rectify.raw_shape, torch.device(self.device)
         if (
             images.dtype != torch.uint8
             or images.ndim != 3
+            or not len(images)
             or tuple(images.shape[1:]) != wanted
             or images.device.type != device.type
         ):
             raise InputError(
-                expected=f"grey images (batch, {wanted[0]}, {wanted[1]}) of type uint8 on {device}",
+                expected=f"one or more grey images (batch, {wanted[0]}, {wanted[1]}) of type uint8 on {device}",
                 got=f"{tuple(images.shape)} of {images.dtype} on {images.device}",
                 remedy="convert them",
             )

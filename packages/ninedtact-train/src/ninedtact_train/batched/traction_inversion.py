@@ -108,6 +108,13 @@ class _Solution:
     free: Bool[torch.Tensor, "batch unknowns"]
     factor: Float64[torch.Tensor, "batch unknowns unknowns"]
     wrong: Bool[torch.Tensor, "batch unknowns"]
+    """The unknowns on the wrong side of their bound."""
+    is_factored: Bool[torch.Tensor, " batch"]
+    """Whether the curvature was positive definite; otherwise nothing was solved."""
+
+    @property
+    def converged(self) -> Bool[torch.Tensor, " batch"]:
+        return self.is_factored & ~self.wrong.any(1)
 
     def whiten_rows(
         self, rows: Float64[torch.Tensor, "batch rows unknowns"]
@@ -212,7 +219,7 @@ class BatchedTractionInversion:
         nonlinear = predicted - seen - forward.scatter(problem.slope * skin.linear_mm)
         rest = problem.negative_gradient(nonlinear)[:, None]
         whitened = solution.whiten_rows(torch.cat([rest, self._wrench_operator(problem)], 1))
-        decrement = whitened[:, 0].norm(dim=1).float().masked_fill(solution.wrong.any(1), torch.inf)
+        decrement = whitened[:, 0].norm(dim=1).float().masked_fill(~solution.converged, torch.inf)
         pressed = tractions[:, 0].sum((1, 2))
         change = (tractions[:, 0] - guess.tractions[:, 0]).abs().sum((1, 2)) / pressed.clamp(min=1e-9)
         sticking = single.STICKING_CHANGE * (_sticking_part(tractions) - problem.sticking_part).abs()
@@ -492,9 +499,9 @@ def _solve_free(
     held = (~free).to(curvature.dtype)
     part = curvature * (1 - held)[:, :, None] * (1 - held)[:, None, :]
     part.diagonal(0, 1, 2).add_(held)
-    factor = torch.linalg.cholesky_ex(part).L
+    factor, failed_at = torch.linalg.cholesky_ex(part)
     x = torch.cholesky_solve((target * free)[..., None], factor)[..., 0]
     gradient = target - (curvature @ x[..., None])[..., 0]
     rising = ~free & (gradient > qp.WRONG_SIDE_STDS * root)
     negative = free & may_be_held & (x * root < -qp.WRONG_SIDE_STDS)
-    return _Solution(x, free, factor, rising | negative)
+    return _Solution(x, free, factor, rising | negative, failed_at == 0)
