@@ -139,7 +139,8 @@ class BatchedObserver:
         return rounding.maximum(self._noise_limit(coarse, 0.0, detection.SMOOTHING_CELLS))
 
     def _noise_limit(self, noise: Numbers, least: float, smoothing_cells: float) -> Numbers:
-        return (self.settings.threshold.noise_stds / (2 * np.sqrt(np.pi) * smoothing_cells) * noise).clamp(min=least)
+        noise = detection.smoothed_noise(noise, smoothing_cells)
+        return (self.settings.threshold.noise_stds * noise).clamp(min=least)
 
     def _region(
         self, change: Views, z_mm: Views, in_view: Views, noise: Numbers, least: Numbers
@@ -236,7 +237,7 @@ def robust_std(deviations: Float32[torch.Tensor, "batch a b"]) -> Numbers:
 
 def cell_noise(fields: Views) -> Numbers:
     """Return `estimate_cell_noise` of each field."""
-    return robust_std(fields - smoothed(fields, 0.85, 1)) / detection.SMOOTHING_RESIDUE
+    return robust_std(fields - smoothed(fields, detection.NOISE_SMOOTHING_CELLS, 1)) / detection.SMOOTHING_RESIDUE
 
 
 def area_weights(many: int, few: int) -> np.ndarray:

@@ -12,17 +12,11 @@ import torch
 from jaxtyping import Bool, Float64, UInt8
 
 from ninedtact.errors import InputError
-from ninedtact.force import hidden_twist
 from ninedtact.force.contact_detection import FAINT_PRESSURE
 from ninedtact.force.estimator_and_scale import SHEAR_COMPONENTS, ForceEstimator, ScaledForceEstimator
-from ninedtact.force.traction.estimator import (
-    LARGEST_PRESSURE,
-    MODELLED_THINNING,
-    NO_CONTACT_STD,
-    TractionForce,
-)
-from ninedtact.force.traction.observation import LOCAL_FRACTION, BrightnessObservationModel, cell_grid_over_image
-from ninedtact.force.traction.traction_from_brightness import THICKNESS_EXPONENT
+from ninedtact.force.hidden_twist import hidden_torque_share
+from ninedtact.force.traction.estimator import LARGEST_PRESSURE, NO_CONTACT_STD, TractionForce
+from ninedtact.force.traction.observation import BrightnessObservationModel, cell_grid_over_image
 from ninedtact_train.batched.contact_cells import BatchedObservation, BatchedObserver, widened
 from ninedtact_train.batched.depth_reading import BatchedDepthReader, Fields
 from ninedtact_train.batched.traction_inversion import BatchedInversionResult, BatchedTractionInversion
@@ -78,7 +72,7 @@ class BatchedPhysics:
             )
 
     def __call__(self, images: UInt8[torch.Tensor, "batch raw_rows raw_cols"]) -> BatchedEstimates:
-        """Return the estimates; raises `InputError` for images of another kind or place, as `BatchedDepthReader` does."""
+        """Return the estimates of grey images; raises `InputError` as `BatchedDepthReader.require_own` does."""
         self.reader.require_own(images)
         parts = [self._estimate(part) for part in torch.split(images, _IMAGES_AT_ONCE)]
         names = [one.name for one in fields(BatchedEstimates)]
@@ -122,21 +116,20 @@ class BatchedPhysics:
         self, result: BatchedInversionResult, six: Sixes, stiffening: Float64[torch.Tensor, " batch"]
     ) -> Float64[torch.Tensor, "batch 6 6"]:
         """Return `UncertaintyModel.wrench_covariance` of each contact."""
-        model, forward = self._physics.uncertainty, self._inversion.inversion.forward
-        mpa, pressure = self._physics.gel.shear_modulus_mpa, result.tractions[:, 0].double()
-        resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
-        of_one = model.unresolved * resolution_mm / forward.gel.thickness_mm
-        unresolved = (of_one * _peaks(pressure) ** model.peaks_exponent).clamp(max=1)
-        constant = model.model**2 + (THICKNESS_EXPONENT * model.thickness) ** 2
-        relative = constant + unresolved**2 + (model.stiffening * (1 - 1 / stiffening)) ** 2
+        model, mpa, pressure = (
+            self._physics.uncertainty,
+            self._physics.gel.shear_modulus_mpa,
+            result.tractions[:, 0].double(),
+        )
+        unresolved = model.unresolved_error(_count_peaks(pressure), self._inversion.inversion.forward).clamp(max=1)
         gyration_mm, roundness = self._extent(pressure)
-        load_n = six[:, 2].abs()
-        structure_nm = unresolved * model.torque_arm * load_n * gyration_mm / 1e3
-        hidden = (hidden_twist.ANY_CONTACT**2 + (hidden_twist.ROUND_CONTACT * roundness) ** 2).sqrt()
-        twist_nm = hidden * load_n * gyration_mm / 1e3
-        none = torch.zeros_like(load_n)
+        lever_nm = six[:, 2].abs() * gyration_mm / 1e3
+        structure_nm = unresolved * model.torque_arm * lever_nm
+        twist_nm = hidden_torque_share(roundness) * lever_nm
+        zero = torch.zeros_like(lever_nm)
         torques = structure_nm**2, structure_nm**2, structure_nm**2 + twist_nm**2
-        variances = relative[:, None] * six**2 + torch.stack([none, none, none, *torques], 1)
+        variances = model.relative_variance(unresolved, stiffening)[:, None] * six**2
+        variances = variances + torch.stack([zero, zero, zero, *torques], 1)
         return result.covariance * (mpa * stiffening)[:, None, None] ** 2 + torch.diag_embed(variances)
 
     def _extent(self, pressure: Float64[torch.Tensor, "batch rows cols"]) -> tuple[torch.Tensor, torch.Tensor]:
@@ -166,8 +159,7 @@ class BatchedPhysics:
     ) -> Bool[torch.Tensor, " batch"]:
         """Return which estimates are out of range, partly unseen or not converged."""
         pressure, physics = result.tractions[:, 0], self._physics
-        known_mm = min(-self._model.law.deepest_known_mm, MODELLED_THINNING * physics.gel.thickness_mm)
-        too_thin = (-result.thickness_change_mm > known_mm) & (pressure > 0)
+        too_thin = (-result.thickness_change_mm > physics.max_known_thinning_mm) & (pressure > 0)
         most = pressure.amax((1, 2), keepdim=True)
         unseen = (pressure > FAINT_PRESSURE * most) & (widened(1 - observation.in_view) > 0)
         too_much = most[:, 0, 0] > LARGEST_PRESSURE
@@ -193,9 +185,9 @@ class BatchedPhysics:
     def _inversion(self) -> BatchedTractionInversion:
         reference, physics = self.reader.reader.reference, self._physics
         cells = cell_grid_over_image(reference.grey.shape, reference.mm_per_px, physics.gel.thickness_mm)
-        error, device = LOCAL_FRACTION * self._model.curve_error, self.reader.device
+        device = self.reader.device
         on_gpu = torch.device(device).type == "cuda" if self.gpu_schedule is None else self.gpu_schedule
-        return BatchedTractionInversion(physics.build_inversion(cells), error, device, on_gpu)
+        return BatchedTractionInversion(physics.build_inversion(cells), self._model.local_error, device, on_gpu)
 
     @cached_property
     def _places_mm(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -203,7 +195,7 @@ class BatchedPhysics:
         return torch.as_tensor(x, device=self.reader.device), torch.as_tensor(y, device=self.reader.device)
 
 
-def _peaks(pressure: Float64[torch.Tensor, "batch rows cols"]) -> Float64[torch.Tensor, " batch"]:
+def _count_peaks(pressure: Float64[torch.Tensor, "batch rows cols"]) -> Float64[torch.Tensor, " batch"]:
     """Return the number of Gaussian peaks of each pressure, as `UncertaintyModel` counts them."""
     square = pressure.square().sum((1, 2))
     differences = sum(pressure.diff(dim=axis).square().sum((1, 2)) for axis in (1, 2))

@@ -14,6 +14,7 @@ traction inversion.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -90,6 +91,8 @@ MAX_NOISE, MAX_NOISE_PER_PIXEL_NOISE = 5e-3, 25.0
 """Relative brightness noise of one cell that is not doubted, and its largest ratio to that of independent pixels (6 to 12 in images
 of real sensors, whose cameras sharpen and compress). What exceeds both is structure, such as pins all over the view."""
 NOISE_EVERY_ROWS = 48
+NOISE_SMOOTHING_CELLS = 0.85
+"""Standard deviation of the Gaussian that gives the surroundings of a cell; over 3 x 3 cells its weights are about 1 2 1."""
 SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
 _TILES = 3, 4
@@ -264,7 +267,7 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
 
     It is the median deviation of a cell from its smoothed surroundings, which contacts hardly change: they are small, or smooth.
     """
-    smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
+    smooth = cv2.GaussianBlur(field, (3, 3), NOISE_SMOOTHING_CELLS)
     return float(robust_std(field - smooth)) / SMOOTHING_RESIDUE
 
 
@@ -294,5 +297,13 @@ def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> 
 
 
 def _noise_limit(noise: float, noise_stds: float, minimum: float, smoothing_cells: float) -> float:
-    """Return the largest smoothed darkening that is no contact; smoothing reduces white noise to 1/(2·√π·cells) of itself."""
-    return max(noise_stds * noise / (2 * np.sqrt(np.pi) * smoothing_cells), minimum)
+    """Return the largest smoothed darkening that is no contact."""
+    return max(noise_stds * smoothed_noise(noise, smoothing_cells), minimum)
+
+
+def smoothed_noise(noise: Any, smoothing_cells: float) -> Any:
+    """Return the standard deviation that white noise keeps after smoothing, for one image or an array of images.
+
+    smoothing_cells: standard deviation of the Gaussian.
+    """
+    return noise / (2 * np.sqrt(np.pi) * smoothing_cells)

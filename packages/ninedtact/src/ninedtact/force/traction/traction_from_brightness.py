@@ -11,6 +11,7 @@ relative errors of the sensor's parameters.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -270,7 +271,7 @@ def _sticking_part(tractions: Tractions) -> float:
     return max(1 - float(np.hypot(along_x, along_y)) / max(SLIDES_FROM * pressed, 1e-9), 0.0)
 
 
-THICKNESS_EXPONENT = 1.0
+_THICKNESS_EXPONENT = 1.0
 """Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load."""
 
 
@@ -305,20 +306,29 @@ class UncertaintyModel:
         stiffening: ratio of the load at finite strain to that of the linear layer.
         """
         forward, pressure = result.problem.kernels.forward, result.tractions[0].astype(float)
-        unresolved = self._unresolved(pressure, forward)
-        relative_variance = self.model**2 + (THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
-        relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
+        unresolved = min(self.unresolved_error(_count_peaks(pressure), forward), 1.0)
+        relative_variance = self.relative_variance(unresolved, stiffening)
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
         extent = pressure_rms_radii(pressure, *forward.cells.coordinates_mm)
         structure_nm = unresolved * self.torque_arm * abs(six[2]) * extent.radius_of_gyration_mm / 1e3
         twist_nm = extent.hidden_torque_nm(six[2])
         return covariance + np.diag([0, 0, 0, structure_nm**2, structure_nm**2, structure_nm**2 + twist_nm**2])
 
-    def _unresolved(self, pressure: Float64[Array, "rows cols"], forward: ForwardModel) -> float:
-        """Return the relative error of the force due to structure that is not resolved; at most one."""
+    def relative_variance(self, unresolved: Any, stiffening: Any) -> Any:
+        """Return the variance of the wrench relative to its square, for one contact or an array of contacts.
+
+        unresolved: relative error due to structure that is not resolved. stiffening: as in `wrench_covariance`.
+        """
+        constant = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2
+        return constant + unresolved**2 + (self.stiffening * (1 - 1 / stiffening)) ** 2
+
+    def unresolved_error(self, peaks: Any, forward: ForwardModel) -> Any:
+        """Return the relative error of the force due to structure that is not resolved; the caller limits it to one.
+
+        peaks: number of peaks of the pressure, of one contact or of an array of contacts.
+        """
         resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
-        growth = _count_peaks(pressure) ** self.peaks_exponent
-        return min(self.unresolved * resolution_mm / forward.gel.thickness_mm * growth, 1.0)
+        return self.unresolved * resolution_mm / forward.gel.thickness_mm * peaks**self.peaks_exponent
 
 
 def _count_peaks(pressure: Float64[Array, "rows cols"]) -> float:
