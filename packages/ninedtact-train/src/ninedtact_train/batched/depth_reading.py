@@ -1,8 +1,8 @@
-"""Images of many sensors of one calibration at once → heights of their skin, as torch tensors that never leave their device.
+"""Many images of one calibrated sensor at once → heights of the skin, as torch tensors that never leave their device.
 
 The steps are those of `ninedtact.shape` and of `BaseDeflection`, which read one image with OpenCV: rectify, restore the lost light,
 deblur, look heights up, smooth them, add the deflection of the base. Heights agree with theirs to rounding, because a policy must
-see in training what the sensor will show it. Not done is what only a camera needs: a change of its light, bands, dirt.
+see in training what the sensor will show it. Changes of a real camera's light, bands and dirt are not corrected.
 """
 
 from dataclasses import dataclass
