@@ -45,11 +45,11 @@ SMALLEST_STEP = 0.25
 """Smallest part of the way to a result by which the tractions about which the problem is linearised move."""
 SLIDES_FROM = 0.8
 """Shear over pressure from which a contact is taken to slide, so that the skin under it spreads freely. Loads of sheared contacts
-with friction of 0.4 and 1 are right to a tenth with it; they were up to a third too large where the skin was held."""
+with friction of 0.4 and 1 are then right to a tenth. They would be up to a third too large if the skin were always held."""
 _WARM_SLACK = 1.5
 """Factor by which a result that started from the previous image may be farther from convergence than that image's."""
 STICKING_CHANGE = 2.0
-"""Weight of a change of the part that sticks among those of the pressure."""
+"""Weight of a change of the part of the shear that friction bears, beside a change of the pressure."""
 CARRYING_EXPONENT = 0.75
 """Power of the smoothed pressure to which shear is proportional: towards the rim it falls off more slowly than pressure."""
 LEVEL_STD = 0.003
@@ -106,7 +106,8 @@ class InversionResult:
     newton_decrement: float
     """Upper bound of the distance to the optimum, in standard deviations of any sum of the unknowns."""
     pressure_change: float
-    """Change of the pressure in the last iteration, relative to its sum, or of the part that sticks."""
+    """Change of the pressure in the last iteration, relative to its sum; or `STICKING_CHANGE` times that of the part of the shear
+    that friction bears, where that is larger."""
     iterations: int
     step: float = 1.0
     """Part of the way to this result by which the tractions about which the problem is linearised move."""
@@ -185,28 +186,24 @@ class TractionInversion:
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem, sight = self._linearise(observation, region, guess), observation.sight
-        seen = self.forward.observed_change(self.law, guess.skin, sight)
-        seen -= self.forward.scatter(problem.slope * guess.skin.linear_mm)
-        programme = problem.quadratic_programme(observation.change - seen)
+        constant = self.forward.observed_change(self.law, guess.skin, sight)
+        constant -= self.forward.scatter(problem.slope * guess.skin.linear_mm)
+        programme = problem.quadratic_programme(observation.change - constant)
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
         skin = self.forward.deform(tractions)
         predicted = self.forward.observed_change(self.law, skin, sight)
-        nonlinear = predicted - seen - self.forward.scatter(problem.slope * skin.linear_mm)
-        decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
-        misfit = self._misfit(observation, predicted)
-        change = np.abs(tractions[0] - guess.tractions[0]).sum() / max(float(tractions[0].sum()), 1e-9)
-        change = max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
+        nonlinear = predicted - constant - self.forward.scatter(problem.slope * skin.linear_mm)
         return InversionResult(
             tractions,
             skin,
             guess.tractions,
             problem,
             solution,
-            misfit,
-            decrement,
-            float(change),
+            self._misfit(observation, predicted),
+            problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf,
+            _change(tractions, guess.tractions, problem.sticking_part),
             guess.iterations + 1,
         )
 
@@ -263,6 +260,12 @@ class TractionInversion:
     def discrete_prior(self) -> DiscretePrior:
         """The prior on the cells."""
         return DiscretePrior(self.forward.cells, self.prior)
+
+
+def _change(tractions: Tractions, before: Tractions, sticking_part: float) -> float:
+    """Return the change from the tractions and the part that sticks in the iteration before (`pressure_change`)."""
+    change = float(np.abs(tractions[0] - before[0]).sum()) / max(float(tractions[0].sum()), 1e-9)
+    return max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - sticking_part))
 
 
 def _sticking_part(tractions: Tractions) -> float:
