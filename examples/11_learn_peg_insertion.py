@@ -1,6 +1,6 @@
 """A policy learns by PPO to insert a peg into a hole whose place it does not know: with touch, and without.
 
-Without touch it knows only how far the hand has moved. pip install 'ninedtact-train[training,reinforcement]'
+Without touch it observes only how far the hand has moved. pip install 'ninedtact-train[training,reinforcement]'
 """
 
 import argparse
@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 import ninedtact_train.environments.peg_insertion_environment  # noqa: F401 - registers the task
@@ -24,10 +25,14 @@ parser.add_argument("--device", default="cpu", help="of torch; on 'cuda' contact
 options = parser.parse_args()
 ROLLOUT = 64
 """Steps of each environment between two updates of the policy."""
+REPORT_EVERY = 200
+"""Episodes between two lines of progress, which give the share of these that succeeded."""
+ARRIVAL_REWARD = 5.0
+"""Reward of a step above which the peg has arrived: the environment gives 10 for it, and nothing else comes near."""
 
 
 class _Pegs(VecEnv):
-    """The environments as stable-baselines3 takes them: one vector of observations, those that have ended reset at once."""
+    """The environments in the interface of stable-baselines3: flat observations, and ended episodes reset within the step."""
 
     def __init__(self, observations: tuple[str, ...]) -> None:
         like = None if options.device == "cpu" else torch.zeros((), device=options.device)
@@ -57,7 +62,7 @@ class _Pegs(VecEnv):
         observations, ended = self._flat(found), terminated | truncated
         infos: list[dict[str, Any]] = [{"TimeLimit.truncated": bool(cut)} for cut in truncated & ~terminated]
         if ended.any():
-            self.inserted += (rewards[ended] > 5).tolist()  # nothing but the arrival is rewarded so much
+            self.inserted += (rewards[ended] > ARRIVAL_REWARD).tolist()
             for number in np.flatnonzero(ended):
                 infos[number]["terminal_observation"] = observations[number]
             observations = self._flat(self.envs.reset(options={"reset_mask": ended})[0])
@@ -82,8 +87,24 @@ class _Pegs(VecEnv):
         return [False] * self.num_envs
 
 
-def learn(name: str, observations: tuple[str, ...]) -> float:
-    """Train a policy and return the share of pegs that it inserts afterwards."""
+class _Progress(BaseCallback):
+    """Prints the share of pegs that were inserted lately."""
+
+    def __init__(self, pegs: _Pegs) -> None:
+        super().__init__()
+        self.pegs, self.began, self.reported = pegs, process_time(), 0
+
+    def _on_step(self) -> bool:
+        if len(self.pegs.inserted) >= self.reported + REPORT_EVERY:
+            self.reported = len(self.pegs.inserted)
+            per_s = self.num_timesteps / (process_time() - self.began)
+            share = np.mean(self.pegs.inserted[-REPORT_EVERY:])
+            print(f"  {self.num_timesteps} steps, {per_s:.0f} per s of processor: {share:.0%} inserted", flush=True)
+        return True
+
+
+def learn(name: str, observations: tuple[str, ...]) -> None:
+    """Train a policy, and print the share of pegs that it inserts afterwards."""
     pegs = _Pegs(observations)
     envs = VecNormalize(pegs, gamma=0.97)
     policy = PPO(
@@ -98,29 +119,24 @@ def learn(name: str, observations: tuple[str, ...]) -> float:
         device=options.device,
         seed=0,
     )
-    began, began_cpu, seen = perf_counter(), process_time(), 0
-
-    def report(local: dict[str, Any], _: dict[str, Any]) -> bool:
-        nonlocal seen
-        if len(pegs.inserted) >= seen + 200:
-            seen = len(pegs.inserted)
-            per_s = policy.num_timesteps / (process_time() - began_cpu)
-            last = np.mean(pegs.inserted[-200:])
-            print(f"  {policy.num_timesteps} steps, {per_s:.0f} per s of processor: {last:.0%} inserted", flush=True)
-        return True
-
-    policy.learn(options.steps, callback=report)
+    began = perf_counter()
+    policy.learn(options.steps, callback=_Progress(pegs))
     per_s = policy.num_timesteps / (perf_counter() - began)
-    envs.training, pegs.inserted = False, []
-    now = envs.reset()
-    while len(pegs.inserted) < options.episodes:
-        now, *_ = envs.step(policy.predict(now, deterministic=True)[0])
-    share = float(np.mean(pegs.inserted))
+    envs.training = False
+    share = evaluate(policy, envs, pegs)
     print(
         f"{name}: {policy.num_timesteps} environment steps, {per_s:.0f} per s; then {share:.0%} of pegs inserted",
         flush=True,
     )
-    return share
+
+
+def evaluate(policy: PPO, envs: VecNormalize, pegs: _Pegs) -> float:
+    """Return the share of pegs that a policy inserts without exploration."""
+    pegs.inserted = []
+    observations = envs.reset()
+    while len(pegs.inserted) < options.episodes:
+        observations, *_ = envs.step(policy.predict(observations, deterministic=True)[0])
+    return float(np.mean(pegs.inserted))
 
 
 torch.set_num_threads(1)

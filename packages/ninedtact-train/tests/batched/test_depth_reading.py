@@ -51,10 +51,11 @@ def test_heights_are_those_of_each_image_alone(physical_sensor: SensorFolder, im
 def test_images_of_another_kind_are_refused(physical_sensor: SensorFolder) -> None:
     shape = physical_sensor.shape
     reader = shape.depth_reader(Frame(TWIN.renderer(None)))
-    with pytest.raises(
-        InputError, match=r"expected grey images \(batch, 480, 640\) of type uint8 on cpu, got \(1, 48, 64\)"
-    ):
+    wanted = r"expected one or more grey images \(batch, 480, 640\) of type uint8 on cpu, got"
+    with pytest.raises(InputError, match=rf"{wanted} \(1, 48, 64\)"):
         BatchedDepthReader(shape.rectify, reader)(torch.zeros(1, 48, 64))
+    with pytest.raises(InputError, match=rf"{wanted} \(0, 480, 640\)"):
+        BatchedDepthReader(shape.rectify, reader)(torch.zeros(0, 480, 640, dtype=torch.uint8))
     with pytest.raises(
         InputError, match="expected a calibration that knows how light scatters, got one without; calibrate"
     ):

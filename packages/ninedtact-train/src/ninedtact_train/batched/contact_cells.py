@@ -1,4 +1,4 @@
-"""Many images → the signal of each on the cells of the traction inversion, and where something touches, as torch tensors.
+"""Many images → the signal of each on the cells of the traction inversion, and its contact region, as torch tensors.
 
 The steps are those of `force.traction.observation` and `force.contact_detection` for images that are read alone: nothing is
 remembered of a stream.
@@ -34,17 +34,16 @@ class BatchedObservation:
     z_mm: Views
     in_view: Views
     region: Views
-    """One where pressure may act, zero elsewhere."""
-    touching: Bool[torch.Tensor, " batch"]
+    """One where pressure may act; zero elsewhere, and everywhere where nothing touches."""
     sight: "BatchedLinesOfSight"
 
     def select(self, indices: torch.Tensor) -> "BatchedObservation":
         """Return the observations of some images."""
-        change, noise, z_mm, in_view, region, touching = (
-            part[indices] for part in (self.change, self.noise, self.z_mm, self.in_view, self.region, self.touching)
+        change, noise, z_mm, in_view, region = (
+            part[indices] for part in (self.change, self.noise, self.z_mm, self.in_view, self.region)
         )
         sight = replace(self.sight, pixel=self.sight.pixel[indices])
-        return BatchedObservation(change, noise, z_mm, in_view, region, touching, sight)
+        return BatchedObservation(change, noise, z_mm, in_view, region, sight)
 
 
 @dataclass(frozen=True)
@@ -88,9 +87,9 @@ class BatchedObserver:
         largest = self._largest_noise(pixel_noise, int(np.prod(self.cells.image_shape)))
         noise = cell_noise(change).clamp(min=on_cells.MIN_BRIGHTNESS_NOISE).minimum(largest)
         least = self._correlated_noise_limit(grey, pixel_noise)
-        region, touching = self._region(change, z_mm, in_view, noise, least)
+        region = self._region(change, z_mm, in_view, noise, least)
         sight = BatchedLinesOfSight(1 / self.reader.reader.camera_distance_mm, pixel)
-        return BatchedObservation(change, noise, z_mm, in_view, region, touching, sight)
+        return BatchedObservation(change, noise, z_mm, in_view, region, sight)
 
     def average(self, fields: Fields) -> Views:
         """Return `CellGrid.average` of each field."""
@@ -139,30 +138,31 @@ class BatchedObserver:
         return rounding.maximum(self._noise_limit(coarse, 0.0, detection.SMOOTHING_CELLS))
 
     def _noise_limit(self, noise: Numbers, least: float, smoothing_cells: float) -> Numbers:
-        return (self.settings.threshold.noise_stds / (2 * np.sqrt(np.pi) * smoothing_cells) * noise).clamp(min=least)
+        noise = detection.smoothed_noise(noise, smoothing_cells)
+        return (self.settings.threshold.noise_stds * noise).clamp(min=least)
 
-    def _region(
-        self, change: Views, z_mm: Views, in_view: Views, noise: Numbers, least: Numbers
-    ) -> tuple[Views, Bool[torch.Tensor, " batch"]]:
-        """Return `find_contact_region` of each image, and which of them touch."""
-        settings, margin = self.settings, on_cells.MARGIN_CELLS
-        threshold = settings.threshold
-        seen = in_view > 0
+    def _region(self, change: Views, z_mm: Views, in_view: Views, noise: Numbers, least: Numbers) -> Views:
+        """Return `find_contact_region` of each image; zero everywhere where nothing touches."""
+        settings, threshold, seen = self.settings, self.settings.threshold, in_view > 0
         darkening = smoothed((_median(change, seen) - change) * in_view, settings.smoothing_cells)
         limit = self._noise_limit(noise, threshold.min_darkening, settings.smoothing_cells).maximum(least)
         limit = limit[:, None, None]
         darkening = _without_light_at_border(darkening, seen, limit, threshold.border_darkening)
         darkest = darkening.amax((1, 2), keepdim=True)
+        pressed, deep = self._pressed_and_deep(change, z_mm, seen)
+        dark = darkening > (settings.dark_fraction * darkest).maximum(limit)
+        parts = spread_over_parts((pressed & deep).to(z_mm.dtype), pressed, cross=True) > 0
+        return widened((parts | dark).to(z_mm.dtype)) * (darkest > limit)
+
+    def _pressed_and_deep(self, change: Views, z_mm: Views, seen: Masks) -> tuple[Masks, Masks]:
+        """Return the cells on indented skin, and the cells deep enough to be more than noise (`ContactRegionSettings`)."""
+        settings, margin = self.settings, on_cells.MARGIN_CELLS
         depth_mm = -z_mm[:, margin:-margin, margin:-margin].amin((1, 2), keepdim=True).clamp(max=0)
         deep = z_mm < -(settings.deep_fraction * depth_mm).clamp(min=settings.deep_mm)
         deep = deep & (change < settings.thin_fraction * change.amin((1, 2), keepdim=True))
         level_mm = _median(z_mm, seen).maximum(-settings.level_fraction * depth_mm).clamp(max=0)
         pressed = z_mm < level_mm - (settings.shallow_fraction * depth_mm).clamp(min=settings.shallow_mm)
-        pressed = pressed & (change <= settings.bright_fraction * change.amax((1, 2), keepdim=True).clamp(min=0))
-        dark = darkening > (settings.dark_fraction * darkest).maximum(limit)
-        parts = spread_over_parts((pressed & deep).to(z_mm.dtype), pressed, cross=True) > 0
-        touching = (darkest > limit)[:, 0, 0]
-        return widened((parts | dark).to(z_mm.dtype)) * touching[:, None, None], touching
+        return pressed & (change <= settings.bright_fraction * change.amax((1, 2), keepdim=True).clamp(min=0)), deep
 
     @cached_property
     def _reference(self) -> Fields:
@@ -236,7 +236,7 @@ def robust_std(deviations: Float32[torch.Tensor, "batch a b"]) -> Numbers:
 
 def cell_noise(fields: Views) -> Numbers:
     """Return `estimate_cell_noise` of each field."""
-    return robust_std(fields - smoothed(fields, 0.85, 1)) / detection.SMOOTHING_RESIDUE
+    return robust_std(fields - smoothed(fields, detection.NOISE_SMOOTHING_CELLS, 1)) / detection.SMOOTHING_RESIDUE
 
 
 def area_weights(many: int, few: int) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""Images of many sensors of one calibration at once → heights of their skin, as torch tensors that never leave their device.
+"""Many images of one calibrated sensor at once → heights of the skin, as torch tensors that never leave their device.
 
 The steps are those of `ninedtact.shape` and of `BaseDeflection`, which read one image with OpenCV: rectify, restore the lost light,
 deblur, look heights up, smooth them, add the deflection of the base. Heights agree with theirs to rounding, because a policy must
-see in training what the sensor will show it. Not done is what only a camera needs: a change of its light, bands, dirt.
+see in training what the sensor will show it. Changes of a real camera's light, bands and dirt are not corrected.
 """
 
 from dataclasses import dataclass
@@ -52,24 +52,25 @@ class BatchedDepthReader:
             )
 
     def __call__(self, images: Shaped[torch.Tensor, "batch raw_rows raw_cols"]) -> Fields:
-        """Return the signed heights in mm on the rectified grid; raises `InputError` for images of another kind or place.
+        """Return the signed heights in mm on the rectified grid. images: grey, uint8, on the device of the reader.
 
-        images: grey, uint8, on the device of the reader.
+        Raises `InputError` as `require_own` does.
         """
         self.require_own(images)
         return self.heights_mm(self.rectified(images))
 
     def require_own(self, images: Shaped[torch.Tensor, "..."]) -> None:
-        """Raise `InputError` for images of another kind or place."""
+        """Raise `InputError` for images of another type, shape or device, and for no images."""
         wanted, device = self.rectify.raw_shape, torch.device(self.device)
         if (
             images.dtype != torch.uint8
             or images.ndim != 3
+            or not len(images)
             or tuple(images.shape[1:]) != wanted
             or images.device.type != device.type
         ):
             raise InputError(
-                expected=f"grey images (batch, {wanted[0]}, {wanted[1]}) of type uint8 on {device}",
+                expected=f"one or more grey images (batch, {wanted[0]}, {wanted[1]}) of type uint8 on {device}",
                 got=f"{tuple(images.shape)} of {images.dtype} on {images.device}",
                 remedy="convert them",
             )

@@ -1,7 +1,7 @@
-"""Images of many sensors of one calibration at once → their wrenches by physics, with errors, as torch tensors on their device.
+"""Many images of one calibrated sensor at once → their wrenches by physics, with errors, as torch tensors on the images' device.
 
-Each is what the sensor's own estimator computes of that image alone (`TractionForce`), to 1e-4 of the load, so that a policy is
-trained on what the real sensor will estimate. Images that cannot be a press on this sensor are not recognised here.
+Each wrench is what the sensor's own estimator (`TractionForce`) computes from that image alone, to 1e-4 of the load, so that a
+policy is trained on what the real sensor will estimate. Images that cannot be a press on this sensor are not recognised here.
 """
 
 from dataclasses import dataclass, fields
@@ -12,17 +12,11 @@ import torch
 from jaxtyping import Bool, Float64, UInt8
 
 from ninedtact.errors import InputError
-from ninedtact.force import hidden_twist
 from ninedtact.force.contact_detection import FAINT_PRESSURE
 from ninedtact.force.estimator_and_scale import SHEAR_COMPONENTS, ForceEstimator, ScaledForceEstimator
-from ninedtact.force.traction.estimator import (
-    LARGEST_PRESSURE,
-    MODELLED_THINNING,
-    NO_CONTACT_STD,
-    TractionForce,
-)
-from ninedtact.force.traction.observation import LOCAL_FRACTION, BrightnessObservationModel, cell_grid_over_image
-from ninedtact.force.traction.traction_from_brightness import THICKNESS_EXPONENT
+from ninedtact.force.hidden_twist import hidden_torque_share
+from ninedtact.force.traction.estimator import LARGEST_PRESSURE, NO_CONTACT_STD, TractionForce
+from ninedtact.force.traction.observation import BrightnessObservationModel, cell_grid_over_image
 from ninedtact_train.batched.contact_cells import BatchedObservation, BatchedObserver, widened
 from ninedtact_train.batched.depth_reading import BatchedDepthReader, Fields
 from ninedtact_train.batched.traction_inversion import BatchedInversionResult, BatchedTractionInversion
@@ -44,7 +38,7 @@ class BatchedEstimates:
     covariance: Float64[torch.Tensor, "batch 6 6"]
     touching: Bool[torch.Tensor, " batch"]
     doubtful: Bool[torch.Tensor, " batch"]
-    """The estimates that the sensor would give with a warning: out of range, partly unseen or not converged."""
+    """Whether the sensor would give the estimate with a warning: out of range, partly unseen or not converged."""
 
     @property
     def std(self) -> Sixes:
@@ -64,9 +58,9 @@ class BatchedPhysics:
 
     reader: BatchedDepthReader
     estimator: ForceEstimator
-    """The sensor's own; raises `InputError` for any but that by physics."""
+    """The estimator by physics of a calibrated sensor; any other raises `InputError`."""
     gpu_schedule: bool | None = None
-    """Whether batches are large, and the processor looks at results only once an iteration. None: where the device is a GPU."""
+    """As in `BatchedTractionInversion`. None: true where the device is a GPU."""
 
     def __post_init__(self) -> None:
         scaled = self.estimator
@@ -78,10 +72,10 @@ class BatchedPhysics:
             )
 
     def __call__(self, images: UInt8[torch.Tensor, "batch raw_rows raw_cols"]) -> BatchedEstimates:
-        """Return the estimates; raises `InputError` for images of another kind or place, as `BatchedDepthReader` does."""
+        """Return the estimates of grey images; raises `InputError` as `BatchedDepthReader.require_own` does."""
         self.reader.require_own(images)
         parts = [self._estimate(part) for part in torch.split(images, _IMAGES_AT_ONCE)]
-        names = [one.name for one in fields(BatchedEstimates)]
+        names = [field.name for field in fields(BatchedEstimates)]
         return BatchedEstimates(*(torch.cat([getattr(part, name) for part in parts]) for name in names))
 
     def _estimate(self, images: UInt8[torch.Tensor, "batch raw_rows raw_cols"]) -> BatchedEstimates:
@@ -91,19 +85,19 @@ class BatchedPhysics:
         result = self._inversion.invert(observation)
         pressed = result.tractions[:, 0].flatten(1).any(1)
         six, covariance = self._wrenches(result)
-        nothing = torch.as_tensor(np.diag(NO_CONTACT_STD**2), device=six.device)
-        covariance = torch.where(pressed[:, None, None], covariance, nothing)
+        no_contact = torch.as_tensor(np.diag(NO_CONTACT_STD**2), device=six.device)
+        covariance = torch.where(pressed[:, None, None], covariance, no_contact)
         return BatchedEstimates(
             heights_mm, *self._scaled(six, covariance), pressed, pressed & self._doubtful(observation, result)
         )
 
     def _wrenches(self, result: BatchedInversionResult) -> tuple[Sixes, Float64[torch.Tensor, "batch 6 6"]]:
-        """Return the sums of the tractions, torques about the skin's centre, and their covariance."""
+        """Return the wrenches in N and N·m about the skin's centre (`Traction.wrench`), and their covariance."""
         cells, mpa = self._inversion.inversion.forward.cells, self._physics.gel.shear_modulus_mpa
         tractions = (result.tractions * result.stiffening[:, None] * mpa).double()
         pressure, along_x, along_y = (tractions * cells.pitch_mm**2).unbind(1)
-        x, y, z = *self._places_mm, result.height_mm
-        arms = (
+        x, y, z = *self._coordinates_mm, result.height_mm
+        wrench_per_cell = (
             along_x,
             along_y,
             -pressure,
@@ -111,7 +105,7 @@ class BatchedPhysics:
             (along_x * z + pressure * x) / 1e3,
             (along_y * x - along_x * y) / 1e3,
         )
-        six = torch.stack([part.sum((1, 2)) for part in arms], 1)
+        six = torch.stack([part.sum((1, 2)) for part in wrench_per_cell], 1)
         linear = mpa * result.tractions[:, 0].sum((1, 2)).double()
         stiffening = pressure.sum((1, 2)) / cells.pitch_mm**2 / linear.clamp(min=1e-12)
         if not self._physics.gel.finite_strain:
@@ -122,27 +116,26 @@ class BatchedPhysics:
         self, result: BatchedInversionResult, six: Sixes, stiffening: Float64[torch.Tensor, " batch"]
     ) -> Float64[torch.Tensor, "batch 6 6"]:
         """Return `UncertaintyModel.wrench_covariance` of each contact."""
-        model, forward = self._physics.uncertainty, self._inversion.inversion.forward
-        mpa, pressure = self._physics.gel.shear_modulus_mpa, result.tractions[:, 0].double()
-        resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
-        of_one = model.unresolved * resolution_mm / forward.gel.thickness_mm
-        unresolved = (of_one * _peaks(pressure) ** model.peaks_exponent).clamp(max=1)
-        constant = model.model**2 + (THICKNESS_EXPONENT * model.thickness) ** 2
-        relative = constant + unresolved**2 + (model.stiffening * (1 - 1 / stiffening)) ** 2
+        model, mpa, pressure = (
+            self._physics.uncertainty,
+            self._physics.gel.shear_modulus_mpa,
+            result.tractions[:, 0].double(),
+        )
+        unresolved = model.unresolved_error(_count_peaks(pressure), self._inversion.inversion.forward).clamp(max=1)
         gyration_mm, roundness = self._extent(pressure)
-        load_n = six[:, 2].abs()
-        structure_nm = unresolved * model.torque_arm * load_n * gyration_mm / 1e3
-        hidden = (hidden_twist.ANY_CONTACT**2 + (hidden_twist.ROUND_CONTACT * roundness) ** 2).sqrt()
-        twist_nm = hidden * load_n * gyration_mm / 1e3
-        none = torch.zeros_like(load_n)
+        lever_nm = six[:, 2].abs() * gyration_mm / 1e3
+        structure_nm = unresolved * model.torque_arm * lever_nm
+        twist_nm = hidden_torque_share(roundness) * lever_nm
+        zero = torch.zeros_like(lever_nm)
         torques = structure_nm**2, structure_nm**2, structure_nm**2 + twist_nm**2
-        variances = relative[:, None] * six**2 + torch.stack([none, none, none, *torques], 1)
+        variances = model.relative_variance(unresolved, stiffening)[:, None] * six**2
+        variances = variances + torch.stack([zero, zero, zero, *torques], 1)
         return result.covariance * (mpa * stiffening)[:, None, None] ** 2 + torch.diag_embed(variances)
 
     def _extent(self, pressure: Float64[torch.Tensor, "batch rows cols"]) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the radius of gyration and the roundness (`PressureRmsRadii`) of each contact."""
         share = pressure / pressure.sum((1, 2), keepdim=True).clamp(min=1e-30)
-        x, y = (mm - (share * mm).sum((1, 2), keepdim=True) for mm in self._places_mm)
+        x, y = (mm - (share * mm).sum((1, 2), keepdim=True) for mm in self._coordinates_mm)
         across = (share * x * y).sum((1, 2))
         along_x, along_y = (share * x * x).sum((1, 2)), (share * y * y).sum((1, 2))
         mean, half = (along_x + along_y) / 2, torch.hypot((along_x - along_y) / 2, across)
@@ -152,7 +145,7 @@ class BatchedPhysics:
     def _scaled(
         self, six: Sixes, covariance: Float64[torch.Tensor, "batch 6 6"]
     ) -> tuple[Sixes, Float64[torch.Tensor, "batch 6 6"]]:
-        """Return what the `ForceScale` of the sensor makes of them."""
+        """Return the wrenches and their covariance, scaled by the sensor's `ForceScale`."""
         assert isinstance(self.estimator, ScaledForceEstimator)
         scale, device = self.estimator.adaptation, six.device
         sheared = torch.as_tensor(SHEAR_COMPONENTS, device=device)
@@ -166,13 +159,12 @@ class BatchedPhysics:
     ) -> Bool[torch.Tensor, " batch"]:
         """Return which estimates are out of range, partly unseen or not converged."""
         pressure, physics = result.tractions[:, 0], self._physics
-        known_mm = min(-self._model.law.deepest_known_mm, MODELLED_THINNING * physics.gel.thickness_mm)
-        too_thin = (-result.thickness_change_mm > known_mm) & (pressure > 0)
-        most = pressure.amax((1, 2), keepdim=True)
-        unseen = (pressure > FAINT_PRESSURE * most) & (widened(1 - observation.in_view) > 0)
-        too_much = most[:, 0, 0] > LARGEST_PRESSURE
+        too_thin = (-result.thickness_change_mm > physics.max_known_thinning_mm) & (pressure > 0)
+        largest = pressure.amax((1, 2), keepdim=True)
+        unseen = (pressure > FAINT_PRESSURE * largest) & (widened(1 - observation.in_view) > 0)
+        too_strong = largest[:, 0, 0] > LARGEST_PRESSURE
         not_converged = result.newton_decrement > physics.solver.max_trusted_decrement
-        return (too_thin | unseen).flatten(1).any(1) | too_much | not_converged
+        return (too_thin | unseen).flatten(1).any(1) | too_strong | not_converged
 
     @property
     def _physics(self) -> TractionForce:
@@ -193,17 +185,17 @@ class BatchedPhysics:
     def _inversion(self) -> BatchedTractionInversion:
         reference, physics = self.reader.reader.reference, self._physics
         cells = cell_grid_over_image(reference.grey.shape, reference.mm_per_px, physics.gel.thickness_mm)
-        error, device = LOCAL_FRACTION * self._model.curve_error, self.reader.device
+        device = self.reader.device
         on_gpu = torch.device(device).type == "cuda" if self.gpu_schedule is None else self.gpu_schedule
-        return BatchedTractionInversion(physics.build_inversion(cells), error, device, on_gpu)
+        return BatchedTractionInversion(physics.build_inversion(cells), self._model.local_error, device, on_gpu)
 
     @cached_property
-    def _places_mm(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def _coordinates_mm(self) -> tuple[torch.Tensor, torch.Tensor]:
         x, y = self._inversion.inversion.forward.cells.coordinates_mm
         return torch.as_tensor(x, device=self.reader.device), torch.as_tensor(y, device=self.reader.device)
 
 
-def _peaks(pressure: Float64[torch.Tensor, "batch rows cols"]) -> Float64[torch.Tensor, " batch"]:
+def _count_peaks(pressure: Float64[torch.Tensor, "batch rows cols"]) -> Float64[torch.Tensor, " batch"]:
     """Return the number of Gaussian peaks of each pressure, as `UncertaintyModel` counts them."""
     square = pressure.square().sum((1, 2))
     differences = sum(pressure.diff(dim=axis).square().sum((1, 2)) for axis in (1, 2))

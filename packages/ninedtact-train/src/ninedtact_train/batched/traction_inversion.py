@@ -1,9 +1,9 @@
 """The traction inversion of many observations at once, as torch tensors.
 
-It is `TractionInversion` from each image alone (docs/force_physics.md). Contacts have different numbers of cells and of shear
-modes: each is brought to the size of its batch by unknowns without any effect, which are zero in the solution. An unknown that is
-held at zero is treated in the same way. The schedule on a GPU is fixed: every iteration exchanges bounded unknowns as often as
-`_EXCHANGES` says, and the processor waits for the device once an iteration, to see which contacts have converged.
+Each result is that of `TractionInversion` without a previous image (docs/force_physics.md). Contacts have different numbers of
+cells and of shear modes. Each is padded to the size of its batch with unknowns that have no effect and are zero in the solution.
+Unknowns that are held at zero are treated in the same way. The schedule on a GPU is fixed: every iteration exchanges bounded
+unknowns `_EXCHANGES` times, and the processor waits for the device once per iteration, to find which contacts have converged.
 """
 
 from collections.abc import Iterator
@@ -21,12 +21,13 @@ from ninedtact.force.traction.observation import BrightnessLaw
 from ninedtact_train.batched.contact_cells import BatchedObservation, Numbers, Views, smoothed
 
 _EXCHANGES = 6
-"""Exchanges of bounded unknowns in each iteration, where the inversion of one image takes one to five. What is then still on the
-wrong side is exchanged in the next iteration."""
+"""Largest number of exchanges of bounded unknowns in each iteration; the inversion of one image takes one to five. Unknowns that
+are then still on the wrong side are exchanged in the next iteration."""
 _MODES_STEP, _CELLS_STEP = 8, 32
-"""Steps of the numbers of modes and cells, so that few sizes occur."""
+"""Numbers of modes and of cells are rounded up to multiples of these, so that few sizes occur."""
 _LARGEST_BATCH, _LARGEST_GPU_BATCH = 1 << 20, 1 << 26
-"""Numbers that the influences of the cells of a batch may have: what fits into the processor's cache, and what fills a GPU."""
+"""Largest number of values in the influences of the cells of a batch: what fits into the processor's cache, and what fills a
+GPU."""
 
 SkinFields = Float32[torch.Tensor, "batch skin_rows skin_cols"]
 Tractions = Float32[torch.Tensor, "batch 3 cell_rows cell_cols"]
@@ -44,17 +45,30 @@ class BatchedInversionResult:
     newton_decrement: Numbers
     pressure_change: Numbers
 
-    def put(self, indices: torch.Tensor, found: "BatchedInversionResult", better: Bool[torch.Tensor, " some"]) -> None:
-        """Replace the results of those of these observations for which another is better."""
-        for name, value in vars(found).items():
+    @classmethod
+    def zeros(cls, change: Views) -> "BatchedInversionResult":
+        """Return the results of observations without contact, on the device of their changes."""
+        count, zeros = len(change), change.new_zeros
+        return cls(
+            zeros(count, 3, *change.shape[1:]),
+            *(torch.zeros_like(change), torch.zeros_like(change), torch.zeros_like(change)),
+            zeros(count, 6, 6, dtype=torch.float64),
+            *(zeros(count), zeros(count)),
+        )
+
+    def replace_where(
+        self, indices: torch.Tensor, others: "BatchedInversionResult", better: Bool[torch.Tensor, " some"]
+    ) -> None:
+        """Replace the results at these indices by others, in place, where the others are better."""
+        for name, other in vars(others).items():
             kept = getattr(self, name)
-            flags = better.view(-1, *[1] * (value.ndim - 1))
-            kept[indices] = torch.where(flags, value, kept[indices])
+            flags = better.view(-1, *[1] * (other.ndim - 1))
+            kept[indices] = torch.where(flags, other, kept[indices])
 
 
 @dataclass(frozen=True)
 class _Guess:
-    """`InitialGuess` of each observation, and its step."""
+    """`InitialGuess` of each observation, and the step of its last result (`InversionResult.step`)."""
 
     tractions: Tractions
     skin: DeformedSkin
@@ -62,8 +76,34 @@ class _Guess:
     step: Numbers
 
     def select(self, indices: torch.Tensor) -> "_Guess":
-        skin = DeformedSkin(*(each[indices] for each in vars(self.skin).values()))
+        skin = DeformedSkin(*(field[indices] for field in vars(self.skin).values()))
         return _Guess(self.tractions[indices], skin, self.misfit[indices], self.step[indices])
+
+
+@dataclass(frozen=True)
+class _Whitener:
+    """`linearisation_and_qp.Whitener` of each observation."""
+
+    per_error: Views
+
+    def whiten(self, residual: Views) -> Float32[torch.Tensor, "batch cells"]:
+        weighted, common = (residual * self.per_error).flatten(1), self._common
+        return weighted - common * ((common * weighted).sum(1, keepdim=True) * self._level_gain)
+
+    def gram(self, columns: Float32[torch.Tensor, "batch n cells"]) -> Float32[torch.Tensor, "batch n n"]:
+        common = columns @ self._common[..., None]
+        return torch.baddbmm(columns @ columns.mT, common * self._level_gain[..., None], common.mT, alpha=-1)
+
+    def squared_norm(self, residual: Views) -> Numbers:
+        return (self.whiten(residual) * (residual * self.per_error).flatten(1)).sum(1)
+
+    @cached_property
+    def _common(self) -> Float32[torch.Tensor, "batch cells"]:
+        return single.LEVEL_STD * self.per_error.flatten(1)
+
+    @cached_property
+    def _level_gain(self) -> Float32[torch.Tensor, "batch 1"]:
+        return 1 / (1 + self._common.square().sum(1, keepdim=True))
 
 
 @dataclass(frozen=True)
@@ -71,22 +111,19 @@ class _Problem:
     """`LinearisedBrightnessProblem` of each observation."""
 
     index: Int[torch.Tensor, "batch n"]
-    """The cells of the contact region, row after row, and others that are not in use."""
+    """The cells of the contact region, row after row, then cells outside it up to the size of the batch."""
     used: Float32[torch.Tensor, "batch n"]
+    """One on the cells of the contact region, zero on the others."""
     carried_shear: Float32[torch.Tensor, "batch n modes"]
     sticking_weights: Float32[torch.Tensor, "batch n weights"]
     jacobian: Float32[torch.Tensor, "batch unknowns cells"]
     curvature: Float64[torch.Tensor, "batch unknowns unknowns"]
     slope: SkinFields
-    per_error: Views
-    level_gain: Numbers
+    whitener: _Whitener
     sticking_part: Numbers
 
     def negative_gradient(self, residual: Views) -> Float64[torch.Tensor, "batch unknowns"]:
-        per_error = self.per_error.flatten(1)
-        common, weighted = single.LEVEL_STD * per_error, residual.flatten(1) * per_error
-        weighted = weighted - common * ((common * weighted).sum(1, keepdim=True) * self.level_gain[:, None])
-        return (self.jacobian @ weighted[..., None])[..., 0].double()
+        return (self.jacobian @ self.whitener.whiten(residual)[..., None])[..., 0].double()
 
     def tractions(self, unknowns: Float64[torch.Tensor, "batch unknowns"], shape: tuple[int, int]) -> Tractions:
         """Return pressure and shear on the view."""
@@ -96,8 +133,8 @@ class _Problem:
         weights = x[:, count:] + (pressure[:, None] @ self.sticking_weights)[:, 0]
         shear = weights.view(-1, 2, modes) @ self.carried_shear.mT
         values = torch.cat([pressure[:, None], shear], 1)
-        found = values.new_zeros(len(x), 3, shape[0] * shape[1])
-        return found.scatter_(2, self.index[:, None].expand_as(values), values).view(-1, 3, *shape)
+        tractions = values.new_zeros(len(x), 3, shape[0] * shape[1])
+        return tractions.scatter_(2, self.index[:, None].expand_as(values), values).view(-1, 3, *shape)
 
 
 @dataclass(frozen=True)
@@ -108,6 +145,13 @@ class _Solution:
     free: Bool[torch.Tensor, "batch unknowns"]
     factor: Float64[torch.Tensor, "batch unknowns unknowns"]
     wrong: Bool[torch.Tensor, "batch unknowns"]
+    """The unknowns on the wrong side of their bound."""
+    is_factored: Bool[torch.Tensor, " batch"]
+    """Whether the curvature was positive definite; otherwise nothing was solved."""
+
+    @property
+    def converged(self) -> Bool[torch.Tensor, " batch"]:
+        return self.is_factored & ~self.wrong.any(1)
 
     def whiten_rows(
         self, rows: Float64[torch.Tensor, "batch rows unknowns"]
@@ -125,71 +169,70 @@ class BatchedTractionInversion:
     """Standard deviation of the change due to the calibration (`ObservationOnCells.error`)."""
     device: str
     gpu_schedule: bool
-    """Whether batches are large, and the processor looks only once an iteration what is needed; else after every exchange too."""
+    """Whether to use large batches, for which the processor waits once per iteration. Otherwise it also checks after every
+    exchange of unknowns whether another one is needed."""
 
     def invert(self, observation: BatchedObservation) -> BatchedInversionResult:
         """Return the tractions that explain each observation, from itself alone; zero where nothing touches."""
-        shape, count = self.inversion.forward.cells.shape, len(observation.change)
-        none = observation.change.new_zeros
-        views, numbers = none(6, count, *shape), none(2, count)
-        found = BatchedInversionResult(
-            views[:3].transpose(0, 1).contiguous(),
-            *(views[3], views[4], views[5]),
-            none(count, 6, 6, dtype=torch.float64),
-            *(numbers[0], numbers[1]),
-        )
+        results = BatchedInversionResult.zeros(observation.change)
         for indices, cells, modes in self._batches(observation):
             part = self._converge(observation.select(indices), cells, modes)
-            found.put(indices, part, torch.ones_like(indices, dtype=torch.bool))
-        return found
+            results.replace_where(indices, part, torch.ones_like(indices, dtype=torch.bool))
+        return results
 
     def _batches(self, observation: BatchedObservation) -> Iterator[tuple[Int[torch.Tensor, " some"], int, int]]:
-        """Yield the touching observations in batches of like size, and the numbers of cells and modes that each batch needs."""
+        """Yield the touching observations in batches of similar size, and the numbers of cells and modes of each batch."""
         region = observation.region.flatten(1)
         power = region @ self._modes.square()
         modes = (power >= qp.MIN_MODE_POWER * power.amax(1, keepdim=True)).sum(1)
-        sizes = torch.stack([region.sum(1).long(), modes]).cpu()
-        order = sizes[0].argsort(descending=True)
-        order = order[: int((sizes[0] > 0).sum())]
-        numbers = self._height_windows[0].shape[2:].numel()
+        cell_counts, mode_counts = torch.stack([region.sum(1).long(), modes]).cpu()
+        order = cell_counts.argsort(descending=True)[: int((cell_counts > 0).sum())]
+        largest = _LARGEST_GPU_BATCH if self.gpu_schedule else _LARGEST_BATCH
+        values_per_cell = self._height_windows[0].shape[2:].numel()
         while len(order):
-            cells = _up_to(int(sizes[0, order[0]]), _CELLS_STEP, region.shape[1])
-            largest = _LARGEST_GPU_BATCH if self.gpu_schedule else _LARGEST_BATCH
-            many = max(largest // (cells * numbers), 1)
-            # No more than half of the unknowns of a contact are without effect.
-            part = order[:many]
-            part = part[sizes[0, part] * 2 + _CELLS_STEP >= cells]
+            cells = _round_up(int(cell_counts[order[0]]), _CELLS_STEP, region.shape[1])
+            part = order[: max(largest // (cells * values_per_cell), 1)]
+            # At most about half of the unknowns of a contact are padding.
+            part = part[cell_counts[part] * 2 + _CELLS_STEP >= cells]
             yield (
                 part.to(region.device),
                 cells,
-                _up_to(int(sizes[1, part].max()), _MODES_STEP, self._modes.shape[1]),
+                _round_up(int(mode_counts[part].max()), _MODES_STEP, self._modes.shape[1]),
             )
             order = order[len(part) :]
 
     def _converge(self, observation: BatchedObservation, cells: int, modes: int) -> BatchedInversionResult:
-        """Return the result nearest to convergence of each observation, as `TractionInversion` does from the heights."""
-        solver, guess = self.inversion.solver, self._guess_from_heights(observation)
+        """Iterate from the observed heights; return the result nearest to convergence of each observation."""
+        guess = self._guess_from_heights(observation)
         best: BatchedInversionResult | None = None
-        going = torch.arange(len(observation.change), device=self.device)
-        for _ in range(solver.max_iterations):
+        active = torch.arange(len(observation.change), device=self.device)
+        for _ in range(self.inversion.solver.max_iterations):
             result, misfit = self._iterate(observation, guess, cells, modes)
             distance = self._distance(result)
             if best is None:
                 best, better = result, torch.ones_like(distance, dtype=torch.bool)
             else:
-                better = distance < self._distance(best)[going]
-                best.put(going, result, better)
-            step = torch.where(better, guess.step, (guess.step / 2).clamp(min=single.SMALLEST_STEP))
-            about = guess.tractions + step[:, None, None, None] * (result.tractions - guess.tractions)
-            guess = _Guess(about, self._forward.deform(about), misfit, step)
-            going_on = (distance > 1).nonzero()[:, 0]
-            if not len(going_on):
+                better = distance < self._distance(best)[active]
+                best.replace_where(active, result, better)
+            guess = self._guess_after(guess, result, misfit, better)
+            unconverged = (distance > 1).nonzero()[:, 0]
+            if not len(unconverged):
                 break
-            going, guess, observation = going[going_on], guess.select(going_on), observation.select(going_on)
+            active, guess = active[unconverged], guess.select(unconverged)
+            observation = observation.select(unconverged)
         assert best is not None
         return best
 
+    def _guess_after(
+        self, guess: _Guess, result: BatchedInversionResult, misfit: Numbers, better: Bool[torch.Tensor, " batch"]
+    ) -> _Guess:
+        """Return the guesses a step of the way to the results, a shorter one where a result is not better."""
+        step = torch.where(better, guess.step, (guess.step / 2).clamp(min=single.SMALLEST_STEP))
+        tractions = guess.tractions + step[:, None, None, None] * (result.tractions - guess.tractions)
+        return _Guess(tractions, self._forward.deform(tractions), misfit, step)
+
     def _distance(self, result: BatchedInversionResult) -> Numbers:
+        """Return how far each result is from convergence; at one and below, another iteration would hardly change it."""
         solver = self.inversion.solver
         decrement = result.newton_decrement / solver.target_decrement
         return decrement.maximum(result.pressure_change / solver.target_change)
@@ -198,67 +241,75 @@ class BatchedTractionInversion:
         self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int
     ) -> tuple[BatchedInversionResult, Numbers]:
         """Compute one Gauss–Newton iteration; return the result and its misfit."""
-        forward, (rows, cols) = self._forward, self.inversion.forward.cells.shape
-        problem = self._linearise(observation, guess, cells, modes)
-        seen = forward.observed_change(self._law, guess.skin, observation.sight)
-        seen = seen - forward.scatter(problem.slope * guess.skin.linear_mm)
-        target = problem.negative_gradient(observation.change - seen)
+        forward, problem = self._forward, self._linearise(observation, guess, cells, modes)
+        constant = forward.observed_change(self._law, guess.skin, observation.sight)
+        constant = constant - forward.scatter(problem.slope * guess.skin.linear_mm)
+        target = problem.negative_gradient(observation.change - constant)
         free = guess.tractions[:, 0].flatten(1).gather(1, problem.index) > 0
         weights = free.new_ones(len(free), problem.curvature.shape[1] - cells)
         solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, not self.gpu_schedule)
-        tractions = problem.tractions(solution.x, (rows, cols))
+        tractions = problem.tractions(solution.x, self.inversion.forward.cells.shape)
         skin = forward.deform(tractions)
         predicted = forward.observed_change(self._law, skin, observation.sight)
-        nonlinear = predicted - seen - forward.scatter(problem.slope * skin.linear_mm)
-        rest = problem.negative_gradient(nonlinear)[:, None]
-        whitened = solution.whiten_rows(torch.cat([rest, self._wrench_operator(problem)], 1))
-        decrement = whitened[:, 0].norm(dim=1).float().masked_fill(solution.wrong.any(1), torch.inf)
-        pressed = tractions[:, 0].sum((1, 2))
-        change = (tractions[:, 0] - guess.tractions[:, 0]).abs().sum((1, 2)) / pressed.clamp(min=1e-9)
-        sticking = single.STICKING_CHANGE * (_sticking_part(tractions) - problem.sticking_part).abs()
+        nonlinear = predicted - constant - forward.scatter(problem.slope * skin.linear_mm)
+        whitened = solution.whiten_rows(
+            torch.cat([problem.negative_gradient(nonlinear)[:, None], self._wrench_operator(problem)], 1)
+        )
         result = BatchedInversionResult(
             tractions,
-            skin.height_mm[:, :rows, :cols].clone(),
-            skin.thickness_change_mm[:, :rows, :cols].clone(),
-            skin.stiffening[:, :rows, :cols].clone(),
+            *self._fields_on_view(skin),
             whitened[:, 1:] @ whitened[:, 1:].mT,
-            decrement,
-            change.maximum(sticking),
+            whitened[:, 0].norm(dim=1).float().masked_fill(~solution.converged, torch.inf),
+            _change(tractions, guess.tractions, problem.sticking_part),
         )
         return result, self._misfit(observation, predicted)
 
+    def _fields_on_view(self, skin: DeformedSkin) -> tuple[Views, Views, Views]:
+        """Return copies of height, change of thickness and stiffening on the view."""
+        rows, cols = self.inversion.forward.cells.shape
+        height_mm, change_mm, stiffening = (
+            field[:, :rows, :cols].clone() for field in (skin.height_mm, skin.thickness_change_mm, skin.stiffening)
+        )
+        return height_mm, change_mm, stiffening
+
     def _linearise(self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int) -> _Problem:
-        """Return the problem of each observation, linearised about its guess, with so many cells and modes."""
+        """Return the problem of each observation, linearised about its guess, with these numbers of cells and modes."""
+        region = observation.region.flatten(1)
+        index = region.argsort(dim=1, descending=True, stable=True)[:, :cells]
+        used = region.gather(1, index)
+        carries = used * self._carries(observation.region, guess.tractions[:, 0]).flatten(1).gather(1, index)
+        power = carries**single.CARRYING_EXPONENT
+        carries = power * (carries.sum(1) / power.sum(1).clamp(min=1e-9))[:, None]
+        carried = self._carried_shear(index, carries, modes)
+        sticking_part = _sticking_part(guess.tractions)
+        sticking = self._sticking_weights(index, carries, carried, sticking_part)
+        slope = self._law.slope_per_mm(guess.skin.thickness_change_mm)
+        whitener = self._whitener(observation, guess.misfit)
+        jacobian = self._jacobian(index, used, carried, sticking, slope, whitener.per_error)
+        curvature = whitener.gram(jacobian).double()
+        curvature[:, :cells, :cells] += self._prior_precision(observation, index, used)
+        # Padding has a curvature of one, which keeps it at zero.
+        curvature.diagonal(0, 1, 2).add_(torch.cat([1 - used, used.new_ones(len(used), 2 * modes)], 1))
+        return _Problem(index, used, carried, sticking, jacobian, curvature, slope, whitener, sticking_part)
+
+    def _carries(self, region: Views, pressure: Views) -> Views:
+        """Return the smoothed pressure of each contact region."""
+        return smoothed(pressure * region, self.inversion.prior.smooth_mm / self.inversion.forward.cells.pitch_mm)
+
+    def _prior_precision(
+        self, observation: BatchedObservation, index: torch.Tensor, used: Float32[torch.Tensor, "batch n"]
+    ) -> Float32[torch.Tensor, "batch n n"]:
+        """Return the precision of the pressure between the cells of each contact, scaled to its indentation."""
         forward, region = self.inversion.forward, observation.region
-        index = region.flatten(1).argsort(dim=1, descending=True, stable=True)[:, :cells]
-        used = region.flatten(1).gather(1, index)
         square = (observation.z_mm.square() * region).sum((1, 2)) / region.sum((1, 2))
         strain = square.sqrt().clamp(min=single.MIN_PRIOR_DEPTH_MM) / forward.gel.thickness_mm
-        carries = smoothed(guess.tractions[:, 0] * region, self.inversion.prior.smooth_mm / forward.cells.pitch_mm)
-        pressed = used * carries.flatten(1).gather(1, index)
-        power = pressed**single.CARRYING_EXPONENT
-        pressed = power * (pressed.sum(1) / power.sum(1).clamp(min=1e-9))[:, None]
-        carried = self._carried_shear(index, pressed, modes)
-        sticking_part = _sticking_part(guess.tractions)
-        sticking = self._sticking_weights(index, pressed, carried, sticking_part)
-        slope = self._law.slope_per_mm(guess.skin.thickness_change_mm)
-        per_error = observation.in_view / self._std(observation, guess.misfit)[:, None, None]
-        gain = _level_gain(per_error)
-        jacobian = self._jacobian(index, used, carried, sticking, slope, per_error)
-        common = single.LEVEL_STD * (jacobian @ per_error.flatten(1)[..., None])
-        gram = torch.baddbmm(jacobian @ jacobian.mT, common * gain[:, None, None], common.mT, alpha=-1)
-        curvature = gram.double()
         precision = _pairs(self._precision_kernel, index, forward.cells.shape)
-        both = used[:, :, None] * used[:, None, :]
-        curvature[:, :cells, :cells] += precision * both / strain.square()[:, None, None]
-        weights = torch.ones(2 * modes, device=self.device).expand(len(used), -1)
-        curvature.diagonal(0, 1, 2).add_(torch.cat([1 - used, weights], 1))
-        return _Problem(index, used, carried, sticking, jacobian, curvature, slope, per_error, gain, sticking_part)
+        return precision * (used[:, :, None] * used[:, None, :]) / strain.square()[:, None, None]
 
     def _carried_shear(
         self, index: torch.Tensor, carries: Float32[torch.Tensor, "batch n"], modes: int
     ) -> Float32[torch.Tensor, "batch n modes"]:
-        """Return the shear on each cell by the strongest modes; negligible ones are zero."""
+        """Return the shear on each cell by its strongest modes, of this number; negligible ones are zero."""
         carried = self._modes[index] * carries[..., None]
         strongest = carried.square().sum(1).topk(modes, 1)
         kept = strongest.values >= (qp.MIN_MODE_POWER * strongest.values[:, :1]).clamp(min=1e-30)
@@ -268,18 +319,18 @@ class BatchedTractionInversion:
     def _sticking_weights(
         self,
         index: torch.Tensor,
-        pressed: Float32[torch.Tensor, "batch n"],
+        carries: Float32[torch.Tensor, "batch n"],
         carried: Float32[torch.Tensor, "batch n modes"],
         sticking_part: Numbers,
     ) -> Float32[torch.Tensor, "batch n weights"]:
-        """Return the weights of the shear modes that unit pressure on each cell brings with it."""
+        """Return `LinearisedBrightnessProblem.sticking_weights` of each contact."""
         shape = self.inversion.forward.cells.shape
         between = [_pairs(kernel, index, shape).mT for kernel in self._tangential_kernels]
-        step = (pressed.amax(1) / qp.GROWTH_STEPS).clamp(min=1e-9)[:, None]
+        step = (carries.amax(1) / qp.GROWTH_STEPS).clamp(min=1e-9)[:, None]
         weights = carried.new_zeros(len(carried), 2, carried.shape[2], carried.shape[1], dtype=torch.float64)
         for level in range(qp.GROWTH_STEPS):
-            above = pressed - level * step
-            part = above.clamp(min=0).minimum(step) / pressed.clamp(min=1e-9)
+            above = carries - level * step
+            part = above.clamp(min=0).minimum(step) / carries.clamp(min=1e-9)
             held = carried * (above > 0)[..., None]
             weights += (held.mT @ held).double()[:, None] @ (_holding_weights(held, between) * part[:, None, None])
         gram = _damped(carried.mT @ carried)[:, None]
@@ -312,7 +363,7 @@ class BatchedTractionInversion:
     def _wrench_operator(self, problem: _Problem) -> Float64[torch.Tensor, "batch 6 unknowns"]:
         """Return the force and torque due to a unit of each unknown, N and N·m per MPa."""
         carried, used = problem.carried_shear.double(), problem.used.double()
-        x, y = (self._places_mm[problem.index, axis] for axis in (0, 1))
+        x, y = (self._coordinates_mm[problem.index, axis] for axis in (0, 1))
         none = torch.zeros_like(x)
         pressed = torch.stack([none, none, -used, -y * used / 1e3, x * used / 1e3, none], 1)
         common, turned_x, turned_y = (row[:, None] @ carried for row in (used, -y * used / 1e3, x * used / 1e3))
@@ -338,15 +389,14 @@ class BatchedTractionInversion:
 
     def _misfit(self, observation: BatchedObservation, predicted: Views) -> Numbers:
         """Return the root mean square of the residual over its standard deviation; at least one."""
-        per_error = observation.in_view / self._std(observation, torch.ones_like(observation.noise))[:, None, None]
-        weighted = (observation.change - predicted) * per_error
-        common = single.LEVEL_STD * (weighted * per_error).sum((1, 2))
-        square = weighted.square().sum((1, 2)) - common.square() * _level_gain(per_error)
+        whitener = self._whitener(observation, torch.ones_like(observation.noise))
+        square = whitener.squared_norm(observation.change - predicted)
         return (square / observation.in_view.sum((1, 2)).clamp(min=1)).clamp(min=1).sqrt()
 
-    def _std(self, observation: BatchedObservation, misfit: Numbers) -> Numbers:
-        """Return the standard deviation of a cell's change: noise and calibration error combined, scaled to the misfit."""
-        return (observation.noise.square() + self.calibration_error**2).sqrt() * misfit
+    def _whitener(self, observation: BatchedObservation, misfit: Numbers) -> _Whitener:
+        """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
+        std = (observation.noise.square() + self.calibration_error**2).sqrt() * misfit
+        return _Whitener(observation.in_view / std[:, None, None])
 
     @cached_property
     def _forward(self) -> ForwardModel:
@@ -394,7 +444,7 @@ class BatchedTractionInversion:
         return torch.as_tensor(self.inversion.kernels.skin_indices[1], device=self.device)
 
     @cached_property
-    def _places_mm(self) -> Float64[torch.Tensor, "cells 2"]:
+    def _coordinates_mm(self) -> Float64[torch.Tensor, "cells 2"]:
         x, y = (self._tensor(axis).double().flatten() for axis in self.inversion.forward.cells.coordinates_mm)
         return torch.stack([x, y], 1)
 
@@ -425,13 +475,13 @@ class _DeviceLaw:
         return torch.searchsorted(self._height[1:-1], height_mm.contiguous(), right=True)
 
 
-def _up_to(count: int, step: int, most: int) -> int:
-    """Return the count rounded up to whole steps."""
-    return min(-(-count // step) * step, most)
+def _round_up(count: int, step: int, largest: int) -> int:
+    """Return the count rounded up to a multiple of the step, at most the largest."""
+    return min(-(-count // step) * step, largest)
 
 
 def _pairs(kernel: torch.Tensor, index: torch.Tensor, shape: tuple[int, int]) -> Float32[torch.Tensor, "batch n n"]:
-    """Return the response of each cell (last axis) to each cell."""
+    """Return the kernel at the offset of every cell (last axis) from every cell: the response of the one to the other."""
     rows, cols = shape
     row, col = index // cols, index % cols
     return kernel[
@@ -440,12 +490,15 @@ def _pairs(kernel: torch.Tensor, index: torch.Tensor, shape: tuple[int, int]) ->
     ]
 
 
-def _level_gain(per_error: Views) -> Numbers:
-    return 1 / (1 + single.LEVEL_STD**2 * per_error.square().sum((1, 2)))
+def _change(tractions: Tractions, before: Tractions, sticking_part: Numbers) -> Numbers:
+    """Return `InversionResult.pressure_change` from the tractions and the part that sticks in the iteration before."""
+    pressed = tractions[:, 0].sum((1, 2))
+    change = (tractions[:, 0] - before[:, 0]).abs().sum((1, 2)) / pressed.clamp(min=1e-9)
+    return change.maximum(single.STICKING_CHANGE * (_sticking_part(tractions) - sticking_part).abs())
 
 
 def _sticking_part(tractions: Tractions) -> Numbers:
-    """Return `traction_from_brightness`'s part of the shear that friction still bears."""
+    """Return the part of the shear that friction still bears, as `traction_from_brightness` computes it."""
     pressed, along_x, along_y = tractions.sum((2, 3)).unbind(1)
     shear = torch.hypot(along_x, along_y)
     return (1 - shear / (single.SLIDES_FROM * pressed).clamp(min=1e-9)).clamp(min=0)
@@ -472,29 +525,32 @@ def _solve(
     target: Float64[torch.Tensor, "batch n"],
     free: Bool[torch.Tensor, "batch n"],
     bounded: int,
-    looks: bool,
+    stop_early: bool,
 ) -> _Solution:
-    """Return the minimum of ½ xᵀHx − bᵀx where the first `bounded` unknowns are not negative (`solve_nonnegative_qp`)."""
+    """Return the minimum of ½ xᵀHx − bᵀx where the first `bounded` unknowns are not negative (`solve_nonnegative_qp`).
+
+    stop_early: whether to wait after every exchange for the device, to end when none of the batch needs another.
+    """
     root = curvature.diagonal(0, 1, 2).sqrt()
-    may_be_held = torch.arange(free.shape[1], device=free.device) < bounded
-    solution = _solve_free(curvature, target, free, root, may_be_held)
+    is_bounded = torch.arange(free.shape[1], device=free.device) < bounded
+    solution = _solve_free(curvature, target, free, root, is_bounded)
     for _ in range(_EXCHANGES - 1):
-        if looks and not solution.wrong.any():
+        if stop_early and not solution.wrong.any():
             break
-        solution = _solve_free(curvature, target, solution.free ^ solution.wrong, root, may_be_held)
-    return replace(solution, x=torch.where(may_be_held, solution.x.clamp(min=0), solution.x))
+        solution = _solve_free(curvature, target, solution.free ^ solution.wrong, root, is_bounded)
+    return replace(solution, x=torch.where(is_bounded, solution.x.clamp(min=0), solution.x))
 
 
 def _solve_free(
-    curvature: torch.Tensor, target: torch.Tensor, free: torch.Tensor, root: torch.Tensor, may_be_held: torch.Tensor
+    curvature: torch.Tensor, target: torch.Tensor, free: torch.Tensor, root: torch.Tensor, is_bounded: torch.Tensor
 ) -> _Solution:
     """Return the minimum over the free unknowns, the others being zero, and which unknowns are on the wrong side."""
     held = (~free).to(curvature.dtype)
     part = curvature * (1 - held)[:, :, None] * (1 - held)[:, None, :]
     part.diagonal(0, 1, 2).add_(held)
-    factor = torch.linalg.cholesky_ex(part).L
+    factor, failed_at = torch.linalg.cholesky_ex(part)
     x = torch.cholesky_solve((target * free)[..., None], factor)[..., 0]
     gradient = target - (curvature @ x[..., None])[..., 0]
     rising = ~free & (gradient > qp.WRONG_SIDE_STDS * root)
-    negative = free & may_be_held & (x * root < -qp.WRONG_SIDE_STDS)
-    return _Solution(x, free, factor, rising | negative)
+    negative = free & is_bounded & (x * root < -qp.WRONG_SIDE_STDS)
+    return _Solution(x, free, factor, rising | negative, failed_at == 0)

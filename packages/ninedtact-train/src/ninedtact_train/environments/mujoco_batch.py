@@ -106,13 +106,15 @@ class TactileSensorBatch:
             for sensor, press in zip(self.sensors, before, strict=True):
                 sensor._press_before = press
             raise refusals[0]
-        return [reading for reading in self._show(contacts).values() if isinstance(reading, TactileReading)]
+        return [reading for reading in self._to_readings(contacts).values() if isinstance(reading, TactileReading)]
 
     def step_each(self, scenes: Sequence[int]) -> dict[int, TactileReading | NinedtactError]:
-        """Press the twin in these scenes alone. A scene whose press is refused has the refusal as its answer, and must be reset."""
-        return self._show(self._solve_all(scenes))
+        """Press the twin in these scenes; return their readings, and the refusals of scenes that must be reset."""
+        return self._to_readings(self._solve_all(scenes))
 
-    def _show(self, contacts: dict[int, Contact | NinedtactError | None]) -> dict[int, TactileReading | NinedtactError]:
+    def _to_readings(
+        self, contacts: dict[int, Contact | NinedtactError | None]
+    ) -> dict[int, TactileReading | NinedtactError]:
         solved = {number: one for number, one in contacts.items() if not isinstance(one, NinedtactError)}
         images = self._renderers(list(solved), list(solved.values()))
         shown = {
@@ -150,10 +152,8 @@ class TactileSensorBatch:
             try:
                 presses = self._solve_group(self._twin(friction), [requests[number] for number in numbers])
                 solved |= dict(zip(numbers, presses, strict=True))
-            except NinedtactError:
-                solved |= {
-                    number: self._solve_alone(requests[number], number) for number in numbers
-                }  # says whose it was
+            except NinedtactError:  # which does not name the scene
+                solved |= {number: self._solve_alone(requests[number], number) for number in numbers}
         return solved
 
     def _solve_group(self, twin: Twin, batch: Sequence[ContactSolveRequest]) -> list[Press]:
@@ -182,13 +182,15 @@ class TactileSensorBatch:
         return {}
 
     def _renderers(self, scenes: Sequence[int], contacts: Sequence[Contact | None]) -> list[Callable[[], BgrImage]]:
-        """Return what renders the camera image of each scene when it is asked for: on the processor one by one with OpenCV, which
-        takes less time, on a device all together."""
+        """Return functions that render the camera image of each scene when they are called.
+
+        On the processor each renders its own image with OpenCV, which is faster there; on a device the first renders all.
+        """
         renderer, numbers = self.twin.renderer, [self.sensors[scene]._frames + 1 for scene in scenes]
         if isinstance(self.like, np.ndarray):
             return [partial(renderer, *one) for one in zip(contacts, numbers, strict=True)]
-        together = cache(partial(self._images, numbers, contacts))
-        return [lambda index=index: together()[index] for index in range(len(numbers))]  # type: ignore[misc]
+        render_all = cache(partial(self._images, numbers, contacts))
+        return [lambda index=index: render_all()[index] for index in range(len(numbers))]  # type: ignore[misc]
 
     def _images(self, numbers: Sequence[int], contacts: Sequence[Contact | None]) -> list[BgrImage]:
         """Return the camera images with these numbers, rendered in one batch."""

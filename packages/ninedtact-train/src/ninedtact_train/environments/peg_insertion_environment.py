@@ -67,15 +67,16 @@ LIMIT_N = 1.2
 DEPTH_MM = 4.0
 """Depth of the tip in the hole at which an episode ends well."""
 _OFFSETS_MM = (1.2, 1.6)
+"""Smallest and largest distance of the hole from the peg at the start."""
 
 
 class PegInsertionEnvironment(TactileEnvironment):
     """Insert a peg into a hole 1.2 to 1.6 mm beside it, with little force (`TactileEnvironment`).
 
-    The sensor is one of two fingers: its x axis is that of the hand, its y axis points down, and z to the thumb. Observed is also
-    `hand_mm`, how far the hand has moved along x and y and downwards. Action: speeds of
-    the hand along x and y and downwards, from −1 to 1. Reward of a step: mm by which the tip came nearer to its place in the hole,
-    less 0.05; 10 more where it arrives. The episode ends with −10 where the plate resists with more than 1.2 N.
+    The sensor is one of two fingers: its x axis is that of the hand, its y axis points down, and z to the thumb. The observation
+    also has `hand_mm`, how far the hand has moved along x and y and downwards. Action: speeds of the hand along x and y and
+    downwards, from −1 to 1. Reward of a step: mm by which the tip came nearer to its place in the hole, less 0.05; 10 more where it
+    arrives. The episode ends with −10 where the plate resists with more than 1.2 N.
     """
 
     scene = SCENE

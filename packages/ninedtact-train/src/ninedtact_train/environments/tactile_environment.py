@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Observation = dict[str, Any]
 Estimates = tuple[Float32[Array, "rows cols"], Float64[Array, "6"]]
-"""Heights in mm and wrench that were estimated of an image."""
+"""Heights in mm and the wrench, in N and N·m, that were estimated from an image."""
 
 IMAGE_SHAPE = (60, 80)
 STEP_S = 0.02
@@ -59,7 +59,7 @@ def needs_calibrated_sensor(force: str, sensor_folder: Any) -> InputError:
 
 
 class _NewestFrame(FrameSourceWrapper):
-    """The frame of the newest reading of a sensor in a scene; where that was read already, the scene is pressed for another."""
+    """Frames of a sensor in a scene: its newest reading, or a new press of the scene where that reading was returned before."""
 
     def __init__(self, sensor: TactileSensor) -> None:
         super().__init__(sensor)
@@ -79,9 +79,9 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
 
     Observation, in the sensor frame: `image`, the grey image of the camera, and `heights`, those of the skin in mm, both 60 × 80;
     `wrench`, N and N·m; those of them that `observations` names, and what else the task observes. Heights and wrench are those of
-    the gel or, where `force` names an estimator as in `ninedtact.open` ("physics"), what the sensor of `sensor_folder` computes of
-    the rendered image. An episode ends where the task says so, after 0.5 s without contact, and with a reward of −10 where the gel
-    is pressed through. It is cut after 4 s.
+    the gel or, where `force` names an estimator as in `ninedtact.open` ("physics"), what the sensor of `sensor_folder` computes
+    from the rendered image. An episode ends where the task says so, after 0.5 s without contact, and with a reward of −10 where the
+    gel is pressed through. It is cut after 4 s.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": round(1 / STEP_S)}
@@ -127,7 +127,7 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.approach),), np.float32)
 
     def use_sensor(self, sensor: TactileSensor) -> None:
-        """Take another sensor on the same scene, one of a batch for example."""
+        """Use another sensor in the same scene, for example one of a batch."""
         self.sensor = sensor
         self._calibrated: Sensor | None = None
         if self._force != OF_THE_GEL:
@@ -137,7 +137,7 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Arrange the scene anew, and go on until the sensor touches."""
+        """Arrange the scene anew, and advance it until the sensor touches."""
         super().reset(seed=seed)
         mujoco.mj_resetData(self.model, self.data)
         self.arrange_scene()
@@ -181,7 +181,7 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     def end_step(
         self, reading: TactileReading, estimates: Estimates | None = None
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Return what `step` returns, given what the sensor shows after `begin_step`, and what was estimated of its image."""
+        """Return what `step` returns, given the reading after `begin_step` and the estimates from its image."""
         self._keep(reading, estimates)
         state = self.state(reading)
         self._lost = self._lost + 1 if state["load_n"] < TOUCH_N / 10 else 0
@@ -229,7 +229,7 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         return {}
 
     def _advance(self, action: Any) -> TactileReading:
-        """Act for one step and return what the sensor shows and feels then."""
+        """Act for one step and return the reading after it."""
         self._move(action)
         reading = self.sensor.step()
         self._keep(reading)
@@ -240,13 +240,13 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
         mujoco.mj_step(self.model, self.data, _SUBSTEPS)
 
     def observe(self, estimates: Estimates) -> Observation:
-        """Return the newest observation, given what was estimated of its image."""
+        """Return the newest observation, with these estimates from its image."""
         assert self._reading is not None
         self._keep(self._reading, estimates)
         return self._observation(self._reading)
 
     def _keep(self, reading: TactileReading, estimates: Estimates | None = None) -> None:
-        """Keep the newest reading, and what was estimated of its image, by a calibrated sensor if not given."""
+        """Keep the newest reading and the estimates from its image, which a calibrated sensor of this environment computes."""
         self._reading, self._estimates = reading, estimates
         if self._calibrated is not None:
             found = self._calibrated.read()

@@ -64,8 +64,8 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
     ) -> None:
         """Build the environments. sensor_folder, force, options: as of `TactileEnvironment`. Raises `InputError`.
 
-        like: an array whose library and device solve the contacts (`torch.zeros((), device="cuda")`), None for NumPy. With one of
-        torch, force by physics is estimated of all images at once.
+        like: an array whose library and device solve the contacts (`torch.zeros((), device="cuda")`), None for NumPy. With an array
+        of torch, force by physics is estimated from all images in one batch.
         """
         if num_envs < 1:
             raise InputError(expected="at least one environment", got=f"{num_envs}", remedy="give a larger num_envs")
@@ -135,41 +135,43 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
         running = [number for number in range(self.num_envs) if number not in ended]
         for number in running:
             self.environments[number].begin_step(acting[number])
-        answers = self.batch.step_each(running)
-        estimates = self._estimates({n: one for n, one in answers.items() if isinstance(one, TactileReading)})
-        for number, answer in answers.items():
-            found = self._end_step(self.environments[number], answer, estimates.get(number))
+        responses = self.batch.step_each(running)
+        readings = {number: one for number, one in responses.items() if isinstance(one, TactileReading)}
+        estimates = self._estimates(readings)
+        for number, response in responses.items():
+            found = self._end_step(self.environments[number], response, estimates.get(number))
             self._observations[number], rewards[number], terminated[number], truncated[number], info = found
             infos = self._add_info(infos, info, number)
         self._ended = terminated | truncated
         return self._stacked(), rewards, terminated, truncated, infos
 
     def _estimates(self, readings: dict[int, TactileReading]) -> dict[int, Estimates]:
-        """Return what is estimated of the images of these readings together; nothing where each sensor estimates its own."""
+        """Return the estimates from the images of these readings, in one batch; none where each sensor estimates its own."""
         if self._physics is None or not readings:
             return {}
         grey = np.stack([cv2.cvtColor(one.frame.image, cv2.COLOR_BGR2GRAY) for one in readings.values()])
         like = self.batch.like
         found = self._physics(array_namespace_of(like).asarray(grey, device=like.device))
-        both = zip(to_numpy(found.heights_mm).astype(np.float32), to_numpy(found.wrenches), strict=True)
-        return dict(zip(readings, both, strict=True))
+        heights_mm, wrenches = to_numpy(found.heights_mm).astype(np.float32), to_numpy(found.wrenches)
+        return dict(zip(readings, zip(heights_mm, wrenches, strict=True), strict=True))
 
     def _end_step(
-        self, environment: TactileEnvironment, answer: TactileReading | NinedtactError, estimates: Estimates | None
+        self, environment: TactileEnvironment, response: TactileReading | NinedtactError, estimates: Estimates | None
     ) -> Any:
-        if isinstance(answer, PRESS_REFUSED):
-            return environment.refuse(answer)
-        if isinstance(answer, NinedtactError):
-            raise answer
-        return environment.end_step(answer, estimates)
+        if isinstance(response, PRESS_REFUSED):
+            return environment.refuse(response)
+        if isinstance(response, NinedtactError):
+            raise response
+        return environment.end_step(response, estimates)
 
     def _reset_one(self, number: int, seed: int | None, infos: dict[str, Any]) -> dict[str, Any]:
-        """Reset one environment, and return the infos with its own."""
+        """Reset one environment and return the infos with its own added."""
         environment = self.environments[number]
         self._observations[number], info = environment.reset(seed=seed)
         assert environment.sensor.last is not None
-        for estimates in self._estimates({number: environment.sensor.last}).values():
-            self._observations[number] = environment.observe(estimates)
+        estimates = self._estimates({number: environment.sensor.last})
+        if estimates:
+            self._observations[number] = environment.observe(estimates[number])
         self._ended[number] = False
         return self._add_info(infos, info, number)
 
@@ -187,7 +189,7 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
 
 
 def _batched_physics(sensor_folder: "SensorFolder | Twin | Path | str | None", like: Any) -> "BatchedPhysics":
-    """Return the estimator of a calibrated sensor for many images at once on a device of torch; raises `InputError`."""
+    """Return the batched estimator of a calibrated sensor on the device of an array of torch; raises `InputError`."""
     from ninedtact.calibration.sensor_folder import load_sensor
     from ninedtact_train.batched.depth_reading import BatchedDepthReader
     from ninedtact_train.batched.force_by_physics import BatchedPhysics

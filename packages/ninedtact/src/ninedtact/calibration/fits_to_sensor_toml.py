@@ -160,7 +160,7 @@ def make_ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, 
 
 
 def make_second_ball_quality(twin: TwinFit, alone: TwinFit) -> SecondBallQuality:
-    """Return the quality of the press of the second ball, beside what the first press says alone."""
+    """Return the quality of the press of the second ball. alone: the fit of the first press without the second."""
     second, deviations = twin.further[0], twin.uncertainty.standard_deviations
     return SecondBallQuality(
         second.ball.radius_mm,

@@ -330,7 +330,10 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
 
 
 def _second_ball_quality(fits: CalibrationFits, design: SensorDesign) -> SecondBallQuality | None:
-    """Return the quality of the press of the second ball, None where there is none; the first one is fitted alone for it."""
+    """Return the quality of the press of the second ball, None where there is none.
+
+    The first press is fitted again alone, to compare its depth without the second one.
+    """
     if fits.ball is None or fits.twin is None or not fits.twin.further:
         return None
     priors = () if fits.board_press is None else fits.board_press.priors

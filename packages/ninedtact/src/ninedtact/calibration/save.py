@@ -72,7 +72,7 @@ def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
 
 
 def save_known_loads(folder: SensorFolder) -> Path:
-    """Write the numbers of a sensor with the gel that known loads told, and what its certificate says of force; return the file.
+    """Write a sensor's file and the force section of its certificate after a calibration with known loads; return the file.
 
     Raises `FileNotWritten` and `OSError` from the disk.
     """

@@ -14,10 +14,11 @@ traction inversion.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
@@ -68,11 +69,12 @@ class ContactRegionSettings:
     deep_fraction: float = 0.1
     """Fraction of the maximum indentation. Every connected part of a contact reaches this fraction, and `deep_mm`, somewhere."""
     thin_fraction: float = 0.03
-    """Fraction of the maximum darkening of a cell that it reaches there: on a base that yields, skin far from an object lies low,
-    but its gel is no thinner. Smoothed, strokes and teeth are not dark, nor are wide objects beside the median of the view."""
+    """Fraction of the maximum darkening. Every connected part of a contact reaches it where it is deep: on a base that yields, skin
+    far from an object lies low, but its gel is no thinner. It is not smoothed, so that strokes and teeth are dark, and not relative
+    to the median of the view, so that wide objects are."""
     level_fraction: float = 0.2
-    """Fraction of the maximum indentation down to which the median height of the view is the level from which skin counts as
-    pressed in: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
+    """Fraction of the maximum indentation. Skin counts as pressed in from the median height of the view, but from no deeper level
+    than this: light that is a little dimmer than the reference's lowers all of the skin alike, which is no contact."""
     bright_fraction: float = 0.6
     """Fraction of the maximum brightening. Brighter cells lie on gel that bulges beside an object, although skin over a base that
     yields is low there."""
@@ -90,6 +92,8 @@ MAX_NOISE, MAX_NOISE_PER_PIXEL_NOISE = 5e-3, 25.0
 """Relative brightness noise of one cell that is not doubted, and its largest ratio to that of independent pixels (6 to 12 in images
 of real sensors, whose cameras sharpen and compress). What exceeds both is structure, such as pins all over the view."""
 NOISE_EVERY_ROWS = 48
+NOISE_SMOOTHING_CELLS = 0.85
+"""Standard deviation of the Gaussian that gives the surroundings of a cell; over 3 x 3 cells its weights are about 1 2 1."""
 SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
 _TILES = 3, 4
@@ -228,14 +232,21 @@ def find_contact_region(
         if faint is None:
             return None
         darkening, limit = darkening * _around(faint, darkening.shape, margin), 0.0
+    pressed, deep = _pressed_and_deep(change, z_mm, in_view, margin, settings)
+    dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
+    return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
+
+
+def _pressed_and_deep(
+    change: View, z_mm: View, in_view: View, margin: int, settings: ContactRegionSettings
+) -> tuple[Bool[Array, "rows cols"], Bool[Array, "rows cols"]]:
+    """Return the cells on indented skin, and the cells that are deep enough to be more than noise."""
     max_depth_mm = max(-float(z_mm[margin:-margin, margin:-margin].min()), 0.0)
     is_thinner = change < settings.thin_fraction * float(change.min())
     deep = (z_mm < -max(settings.deep_mm, settings.deep_fraction * max_depth_mm)) & is_thinner
     level_mm = float(np.clip(np.median(z_mm[in_view > 0]), -settings.level_fraction * max_depth_mm, 0))
     pressed = z_mm < level_mm - max(settings.shallow_mm, settings.shallow_fraction * max_depth_mm)
-    pressed &= change <= settings.bright_fraction * max(float(change.max()), 0.0)
-    dark = darkening > max(limit, settings.dark_fraction * float(darkening.max()))
-    return np.asarray(cv2.dilate((connected_parts_with(pressed, deep, neighbours=4) | dark).astype(np.float32), _RIM))
+    return pressed & (change <= settings.bright_fraction * max(float(change.max()), 0.0)), deep
 
 
 def _without_light_at_border(darkening: View, in_view: View, limit: float, threshold: ContactThreshold) -> View:
@@ -269,7 +280,7 @@ def estimate_cell_noise(field: Float[Array, "rows cols"]) -> float:
 
     It is the median deviation of a cell from its smoothed surroundings, which contacts hardly change: they are small, or smooth.
     """
-    smooth = cv2.GaussianBlur(field, (3, 3), 0.85)
+    smooth = cv2.GaussianBlur(field, (3, 3), NOISE_SMOOTHING_CELLS)
     return float(robust_std(field - smooth)) / SMOOTHING_RESIDUE
 
 
@@ -299,5 +310,13 @@ def _smoothed_darkening(signal: View, in_view: View, smoothing_cells: float) -> 
 
 
 def _noise_limit(noise: float, noise_stds: float, minimum: float, smoothing_cells: float) -> float:
-    """Return the largest smoothed darkening that is no contact; smoothing reduces white noise to 1/(2·√π·cells) of itself."""
-    return max(noise_stds * noise / (2 * np.sqrt(np.pi) * smoothing_cells), minimum)
+    """Return the largest smoothed darkening that is no contact."""
+    return max(noise_stds * smoothed_noise(noise, smoothing_cells), minimum)
+
+
+def smoothed_noise(noise: Any, smoothing_cells: float) -> Any:
+    """Return the standard deviation that white noise keeps after smoothing, for one image or an array of images.
+
+    smoothing_cells: standard deviation of the Gaussian.
+    """
+    return noise / (2 * np.sqrt(np.pi) * smoothing_cells)

@@ -6,6 +6,7 @@ force, the friction and the size of the contact; its share was found on simulate
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,9 +14,9 @@ from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
 
-ANY_CONTACT = 0.08
+_ANY_CONTACT = 0.08
 """Hidden torque of any contact, over the force times the radius of gyration."""
-ROUND_CONTACT = 0.3
+_ROUND_CONTACT = 0.3
 """The same of a round contact, added in squares: the skin around it rises the same whichever way the object is twisted. The torque
 of a ball that is twisted by 10° is 0.3 to 0.6."""
 
@@ -41,8 +42,12 @@ class PressureRmsRadii:
 
     def hidden_torque_nm(self, force_n: float) -> float:
         """Return one standard deviation of the hidden torque about z, in N·m, under this normal force."""
-        share = np.hypot(ANY_CONTACT, ROUND_CONTACT * self.roundness)
-        return float(share * abs(force_n) * self.radius_of_gyration_mm / 1e3)
+        return float(hidden_torque_share(self.roundness) * abs(force_n) * self.radius_of_gyration_mm / 1e3)
+
+
+def hidden_torque_share(roundness: Any) -> Any:
+    """Return the hidden torque over the force times the radius of gyration, for one contact or an array of contacts."""
+    return (_ANY_CONTACT**2 + (_ROUND_CONTACT * roundness) ** 2) ** 0.5
 
 
 def pressure_rms_radii(

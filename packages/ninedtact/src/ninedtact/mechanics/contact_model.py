@@ -252,7 +252,7 @@ class ContactProblem:
 
 
 def deepest_of_solved_mm(solved: Contact, pose: Pose, max_overlap_mm: ScalarPerContact) -> ScalarPerContact:
-    """Return `ContactProblem.deepest_mm` of objects that overlapped with the undeformed skin by so much at this pose."""
+    """Return `ContactProblem.deepest_mm`, given the pose before it was solved and the overlap with the undeformed skin there."""
     return np.maximum(solved.pose.depth_mm, max_overlap_mm + (solved.pose.depth_mm - pose.depth_mm))
 
 
@@ -365,7 +365,7 @@ def _carried_mm(last: Contact, pose: Pose) -> VectorField:
     A point that touched keeps its grid point and has moved with the object. A point that did not keeps its place on the
     sensor, so it is another point of the grid now. Fields are not rotated by twists, since one step twists by little.
     """
-    if last.pressure_mpa.ndim == 2 and not last.touches:  # to ask of a batch would stop a device
+    if last.pressure_mpa.ndim == 2 and not last.touches:  # the test on a batch would wait for its device
         return last.tangential_mm
     by = pose.x_mm - last.pose.x_mm, pose.y_mm - last.pose.y_mm
     free = _shift_periodic_field(last.skin, last.tangential_mm, by) if any(map(np.any, by)) else last.tangential_mm

@@ -224,24 +224,24 @@ def positive_at_border(field: ScalarField) -> Bool[Any, " batch"]:
 
 @dataclass(frozen=True)
 class ContactLimits:
-    """What tells for each contact of a batch whether it is one that the grid, the gel and the solver allow."""
+    """The extremes of each contact of a batch, from which one sees whether the grid and the gel allow it."""
 
     at_border: Bool[Array, " batch"]
     """Whether there is pressure at the grid's border."""
     reach_mm: Float64[Array, "batch 2"]
     """The largest |x| and |y| of the sensor under pressure."""
     max_overlap_mm: Float64[Array, " batch"]
-    """How far the object reached into the undeformed skin."""
+    """Largest overlap of the object with the undeformed skin."""
     overlap_at_border: Bool[Array, " batch"]
-    """Whether it did so at the grid's border."""
+    """Whether the object overlaps with it at the grid's border."""
     least_gel_mm: Float64[Array, " batch"]
-    """The thickness of the gel where the contact leaves least of it."""
+    """Thickness of the gel where the contact leaves least of it."""
 
 
 def contact_limits(solved: Contact, corrected: Contact, overlap_mm: ScalarField) -> ContactLimits:
-    """Return the limits of each contact of a batch, for which a device is waited for once.
+    """Return the extremes of each contact of a batch; the processor waits once for a device.
 
-    corrected: the same contacts at finite strain. overlap_mm: of the poses before they were solved.
+    corrected: the same contacts at finite strain. overlap_mm: overlap with the undeformed skin at the given poses.
     """
     pressed, xp = solved.pressure_mpa > 0, array_namespace_of(solved.pressure_mpa)
     at_border, by_col, by_row, overlap, overlaps, change_mm = to_numpy_together(

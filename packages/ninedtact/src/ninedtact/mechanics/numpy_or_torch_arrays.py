@@ -42,14 +42,14 @@ def to_numpy(values: Any) -> Float[Array, "..."]:
 
 
 def to_numpy_together(*values: Any) -> tuple[Float[Array, "..."], ...]:
-    """Return several arrays of one library as NumPy arrays in double precision, for which a device is waited for only once."""
+    """Return arrays of one library as NumPy arrays in double precision; the processor waits only once for a device."""
     if isinstance(values[0], np.ndarray):
         return tuple(map(to_numpy, values))
     xp = array_namespace_of(values[0])
-    together = to_numpy(xp.concat([xp.astype(xp.reshape(one, (-1,)), xp.float64) for one in values]))
-    ends = np.cumsum([np.prod(one.shape, dtype=int) for one in values])
+    together = to_numpy(xp.concat([xp.astype(xp.reshape(value, (-1,)), xp.float64) for value in values]))
+    ends = np.cumsum([np.prod(value.shape, dtype=int) for value in values])
     parts = np.split(together, ends[:-1])
-    return tuple(part.reshape(one.shape) for part, one in zip(parts, values, strict=True))
+    return tuple(part.reshape(value.shape) for part, value in zip(parts, values, strict=True))
 
 
 def forward_transform(field: Any, shape: tuple[int, int]) -> Any:

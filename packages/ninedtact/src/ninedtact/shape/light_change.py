@@ -50,6 +50,8 @@ _MIN_GAMMA_CHANGE, _MAX_GAMMA_ERROR = 0.03, 0.03
 _GAMMA_RANGE = 0.7, 1.4
 _CELLS_PER_SAMPLE = 60
 """Neighbouring cells whose residuals are alike."""
+_MIN_DIRT_RANGE = MIN_DIRT_CONTRAST / 4
+"""Range of the ratio over the view below which no dirt is looked for: a cell shows part of the contrast of a small spot."""
 
 _CYCLES = np.arange(1.5, 12.01, 0.0625)
 """Bands over the image that are looked for. Finer ones are averaged out; coarser ones look like a gradient."""
@@ -151,6 +153,13 @@ def _apply_gain(grey: Grey, gain: float, gamma: float) -> Grey:
     return np.asarray(grey * np.float32(gain), np.float32)
 
 
+def _remove_gain(grey: Grey, gain: float, gamma: float) -> Grey:
+    """Return the image without this gain and gamma, itself where both are one."""
+    if gamma != 1:
+        return _apply_gain(grey / np.float32(gain), 1.0, 1 / gamma)
+    return grey if gain == 1 else _apply_gain(grey, 1 / gain, 1.0)
+
+
 _MID_GREY = 150.0
 """Grey level at which gain and gamma are separated."""
 
@@ -165,17 +174,14 @@ class LightCorrection:
 
     def __call__(self, image: Rectified, reference: Rectified) -> tuple[Rectified, LightChange]:
         """Return the image in the light of its reference, and what changed; the same image where nothing did."""
-        ratio = block_means(image.grey, _CELL_PX) / self._reference_on_cells(reference)
-        seen = ratio[self._seen]
-        if not seen.size:
-            return image, LightChange()
-        level = _median(seen)
+        ratio = self._ratio_on_cells(image.grey, reference)
+        level = _median(ratio[self._seen]) if self._seen.any() else 0.0
         if level <= 0:
             return image, LightChange()
         grey, bands = image.grey, self._find_bands(ratio / np.float32(level))
         if bands is not None:
             grey = grey / bands.factor[self._lines(bands.along_rows)]
-            ratio = block_means(grey, _CELL_PX) / self._reference_on_cells(reference)
+            ratio = self._ratio_on_cells(grey, reference)
             level = _median(ratio[self._seen])
         gradient = find_light_gradient(
             ratio / np.float32(level), self._reference_on_cells(reference), self._seen, _CELL_PX * reference.mm_per_px
@@ -184,18 +190,17 @@ class LightCorrection:
             grey = grey / gradient.factor(grey.shape)
             ratio = ratio / gradient.factor(ratio.shape)
             level *= gradient.level
-        seen = ratio[self._seen]
         gain, gamma, is_known = self._find_gain(ratio, level, reference, is_certain=gradient is not None)
-        if (gain, gamma) != (1.0, 1.0):
-            grey = (
-                _apply_gain(grey, 1 / gain, 1.0) if gamma == 1 else _apply_gain(grey / np.float32(gain), 1.0, 1 / gamma)
-            )
-        spots, area_mm2 = 0, 0.0
-        if seen.max() - seen.min() > MIN_DIRT_CONTRAST / 4:
+        grey = _remove_gain(grey, gain, gamma)
+        spots, area_px = 0, 0
+        if np.ptp(ratio[self._seen]) > _MIN_DIRT_RANGE:
             grey, spots, area_px = replace_dirt(grey, reference.grey)
-            area_mm2 = area_px * image.mm_per_px**2
-        change = LightChange(level, gain, gamma, bands, gradient, spots, area_mm2, is_known)
+        dirt_mm2 = area_px * image.mm_per_px**2
+        change = LightChange(level, gain, gamma, bands, gradient, spots, dirt_mm2, is_known)
         return (image if grey is image.grey else Rectified(grey, image.mm_per_px, image.stamp_ns)), change
+
+    def _ratio_on_cells(self, grey: Grey, reference: Rectified) -> Cells:
+        return block_means(grey, _CELL_PX) / self._reference_on_cells(reference)
 
     def _reference_on_cells(self, reference: Rectified) -> Cells:
         # Another thread may replace the cached reference at any moment.

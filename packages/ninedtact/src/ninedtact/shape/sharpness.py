@@ -30,8 +30,12 @@ _FAINTEST_DETAIL = 3e-8
 ones less than 0.5e-8."""
 _MIN_FINE = 0.3
 """Sharpness of the fine band below which an image is out of focus: at least 0.5 under motion, noise, gain and gamma."""
-_MIN_COARSE, _SHARP_FINE = 0.5, 0.5
+_MIN_COARSE = 0.5
+"""Sharpness of the coarse band from which the skin of an image is comparable with the known one."""
+_SHARP_FINE = 0.5
+"""Sharpness of the fine band from which an image shows what a sharp image of its session would show."""
 _MOVED_PX = 3
+"""Largest motion of the skin, in pixels along each axis, at which its detail is looked for."""
 _MAX_BLOCKINESS = 1.5
 """Steps at the borders of blocks of 8 pixels, relative to those between: 2.2 or more in JPEG images of quality 90 and below."""
 _MIN_FINE_SHARE = 0.2
@@ -81,8 +85,11 @@ def measure_sharpness(known: tuple[BgrImage, BgrImage], image: BgrImage) -> Shar
 
 
 def lacks_detail_of(known: tuple[BgrImage, BgrImage], sharp: BgrImage, image: BgrImage) -> bool:
-    """Return whether an image, pressed or not, lacks the fine detail of the skin of two known images that a sharp image of the same
-    session shows, wherever within a few pixels the skin has moved meanwhile. False where that cannot be told."""
+    """Return whether an image, pressed or not, lacks fine detail of the skin; False where that cannot be told.
+
+    known: two images of the skin. sharp: an image of the same session that shows this detail. The detail is looked for at all
+    motions of the skin by a few pixels.
+    """
     before, now = (measure_sharpness(known, one) for one in (sharp, image))
     if before is None or now is None or before.fine < _SHARP_FINE or not now.is_lost:
         return False

@@ -1,8 +1,8 @@
 """Many twins of one sensor at once: a step takes poses or loads of all of them and gives presses, wrenches and images as tensors.
 
-All fields stay on the device from step to step. The processor waits for it some nine times a step: it sees the poses, where objects
-may touch, after each round of the solver which contacts have converged, and in the end which are refused. The contacts are those of
-`Twin.press`, to a tolerance that keeps wrenches within a hundredth of the load.
+All fields stay on the device from step to step. The processor waits for it about nine times per step: for the region where objects
+may touch, after each round of the solver for the contacts that have converged, and in the end for those that are refused. The
+contacts are those of `Twin.press`, to a tolerance that keeps wrenches within a hundredth of the load.
 """
 
 from collections.abc import Iterator, Sequence
@@ -122,7 +122,7 @@ class TwinBatch:
         `refused`. Raises `InputError` for poses of another shape, not finite, or loads that do not press, and `DeviceError` without
         room for all environments; nothing was stepped then.
         """
-        with self._named_if_memory_is_full():
+        with self._full_memory_as_device_error():
             return self._step(poses, loads_n)
 
     def _step(self, poses: Any, loads_n: Any) -> Press:
@@ -135,7 +135,7 @@ class TwinBatch:
             constraint = ContactConstraint(self.twin.model.skin.asarray(sums))
         problem = build_contact_problem_at_pose(self._last, self._indenter, pose, constraint, self.twin.friction)
         reached_mm = problem.overlap_mm
-        if loads_n is None:  # what would be refused is not solved
+        if loads_n is None:  # contacts that would be refused are not solved
             too_deep = ~(max_over_grid(reached_mm) < self.twin.gel.max_depth_mm)
             unsolvable = too_deep | positive_at_border(reached_mm)[:, None, None]
             problem = replace(problem, overlap_mm=reached_mm.masked_fill(unsolvable, -NO_OBJECT_MM))
@@ -159,7 +159,7 @@ class TwinBatch:
                 got=f"those of {press.corrected.height_mm.shape[0]}",
                 remedy="give what `step` of this batch returned",
             )
-        with self._named_if_memory_is_full():
+        with self._full_memory_as_device_error():
             return self._images(press, noise)
 
     def _images(self, press: Press, noise: bool) -> 'UInt8[Tensor, "batch rows cols"]':
@@ -181,7 +181,7 @@ class TwinBatch:
         return found
 
     @contextmanager
-    def _named_if_memory_is_full(self) -> Iterator[None]:
+    def _full_memory_as_device_error(self) -> Iterator[None]:
         import torch
 
         try:

@@ -4,7 +4,7 @@ A file consists of sessions (`press_session.py`), each of some fifty pairs with 
 
 Every file depends on the settings and its own number alone, and is written completely or not at all. A run that was killed
 therefore continues with the missing files and ends with the same bytes. Files are made in processes of this machine or on a
-cluster (`parallel_jobs`). A GPU is used by one process, which advances many sessions together; of a cluster by one worker each.
+cluster (`parallel_jobs`). Each GPU is used by one process, or one worker of a cluster, which advances many sessions together.
 
 On a GPU, which sessions form one batch depends on the settings and on the batch size, never on the files that exist already:
 arithmetic on a device rounds by the shape of its batch, and a continued run must end with the same bytes. A batch with missing
@@ -130,9 +130,10 @@ def generate_dataset(
     if on.is_batched and isinstance(workers, int):
         pair_counts = _make_files_in_batches(files, missing, settings, on, sessions_per_batch, workers, notify)
     elif on.is_batched:
-        each = [sorted(set(missing).intersection(batch)) for batch in _batches_of_files(settings, sessions_per_batch)]
-        on_cards = [(settings, numbers, on.name, sessions_per_batch) for numbers in each if numbers]
-        pair_counts = (pairs for _, pairs in run_writing_jobs(generate_batch, out / "data", on_cards, workers))
+        batches = _batches_of_files(settings, sessions_per_batch)
+        unwritten = [sorted(set(missing).intersection(batch)) for batch in batches]
+        gpu_jobs = [(settings, numbers, on.name, sessions_per_batch) for numbers in unwritten if numbers]
+        pair_counts = (pairs for _, pairs in run_writing_jobs(generate_batch, out / "data", gpu_jobs, workers))
     else:
         jobs = [(files[number].name, settings, number) for number in missing]
         pair_counts = (pairs for _, pairs in run_writing_jobs(generate_file, out / "data", jobs, workers))
@@ -149,7 +150,7 @@ def generate_dataset(
 def _select_device(name: str, workers: Workers) -> Device:
     """Return the device of this name, the processor for `auto` on a cluster; raises `InputError`, `DeviceError`.
 
-    The workers of a cluster look for their GPU themselves.
+    On a cluster the workers, not this process, check that their GPU exists.
     """
     if not isinstance(workers, DaskCluster):
         return choose_compute_device(name)
@@ -210,14 +211,17 @@ def generate_file(folder: Path, name: str, settings: GenerationSettings, number:
 def generate_batch(
     folder: Path, settings: GenerationSettings, numbers: Sequence[int], device: str, sessions_per_batch: int
 ) -> int:
-    """Make files of one batch on a device and return how many pairs they have; raises `DeviceError`, `FileNotWritten`."""
+    """Make the files with these numbers, all of one batch, on a device and return the number of their pairs.
+
+    Raises `DeviceError`, `FileNotWritten`.
+    """
     files = [folder / pair_file(folder, number, settings.files).name for number in range(settings.files)]
     on, threads = choose_compute_device(device), os.cpu_count() or 1
     return sum(_make_files_in_batches(files, numbers, settings, on, sessions_per_batch, threads, warn))
 
 
 def _batches_of_files(settings: GenerationSettings, sessions_per_batch: int) -> Iterator[range]:
-    """Yield the files that are made together on one device: whole ones; a file with more sessions is a batch of its own."""
+    """Yield the numbers of the files of each batch. A file with more sessions than a batch is a batch of its own."""
     files_per_batch = max(1, sessions_per_batch // settings.sessions_per_file)
     for first in range(0, settings.files, files_per_batch):
         yield range(first, min(first + files_per_batch, settings.files))

@@ -69,10 +69,8 @@ _REFINEMENT_ITERATIONS = 4
 _PITCH_PER_PIN = PinBoard().pitch_mm / PinBoard().pin_diameter_mm
 """Largest pitch, in diameters of a pin, by which an imprint is measured."""
 SMOOTHING_PX = 1.0
-
-
-_CONTINUED_SHARE = 0.6
-"""Share of the pins of another row or column from which on it is one."""
+_MAX_FURTHER_SHARE = 0.6
+"""Share of the pins of a further row or column that are found where the board has one."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +207,7 @@ def _refine_pins_and_lens(change: Float32[Array, "rows cols"], board: PinBoard, 
         _require_enough_pins(change, board, nodes, found, points_px, candidate)
         fit = fit_lens(points_mm[found], points_px[found], fit.lens)
         strays[np.flatnonzero(found)[find_stray_pins(fit, board)]] = True
-    _require_no_more_pins(image, noise, board, candidate, fit.lens, points_mm)
+    _require_no_further_pins(image, noise, board, candidate, fit.lens, points_mm)
     where = np.where(found[:, None], points_px, fit.lens.to_px(points_mm))
     return _add_correction(
         BoardFit(board, candidate.mounting, fit, nodes, points_mm, where, found, contrast, noise, change)
@@ -245,7 +243,7 @@ def _require_enough_pins(
         )
 
 
-def _require_no_more_pins(
+def _require_no_further_pins(
     image: Float32[Array, "rows cols"],
     noise: float,
     board: PinBoard,
@@ -253,14 +251,14 @@ def _require_no_more_pins(
     lens: LensModel,
     board_mm: Points,
 ) -> None:
-    """Refuse a board whose pins go on beyond the design's, which leaves open which of them is its middle."""
+    """Refuse a board with a row or column of pins more than its design: its middle pin is then ambiguous."""
     cols, rows = lattice_size(board, candidate.mounting)
     sides = [[(column, row) for row in range(rows)] for column in (-1, cols)]
     sides += [[(column, row) for column in range(cols)] for row in (-1, rows)]
     for nodes in sides:
         points_mm = lattice_to_skin_mm(np.array(nodes), board, candidate.mounting, candidate.mirrored)
         found = measure_pins(image, lens, np.concatenate([board_mm, points_mm]), noise, board)[2]
-        if found[len(board_mm) :].mean() > _CONTINUED_SHARE:
+        if found[len(board_mm) :].mean() > _MAX_FURTHER_SHARE:
             raise CalibrationError(
                 expected=f"{board.count} pins ({board.cols} x {board.rows})",
                 got="a board with another row or column of pins beside them",

@@ -81,7 +81,7 @@ def render_certificate_html(calibration: Calibration) -> str:
 
 
 def replace_force_section(page: str, record: SensorTomlRecord) -> str:
-    """Return a certificate with what is known of the force after its calibration, in place of what it said before."""
+    """Return a certificate whose section on force is replaced by that of this record."""
     section = render_page("force_section.html.jinja", {}, **_force_section_values(record))
     return _FORCE_SECTION.sub(lambda match: section.strip(), page)
 
@@ -230,7 +230,7 @@ def _second_ball_table_rows(second: SecondBallQuality | None) -> Rows:
 
 
 def _force_section_values(record: SensorTomlRecord) -> dict[str, Any]:
-    """Return the sentence and the table on the force of the sensor; an empty table where nothing is known of its gel."""
+    """Return the values of the template `force_section`; an empty table where nothing is known of the gel."""
     twin, known = record.twin, record.known_loads
     if twin is None:
         return {"force_sentence": "", "force_rows": []}

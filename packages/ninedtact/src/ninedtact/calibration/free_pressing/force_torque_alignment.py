@@ -49,10 +49,11 @@ _TURNING = np.array([0, 1, 2, 6, 7, 8])
 """Numbers of the parameters that are held meanwhile."""
 
 _MIRROR = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
-"""What left and right exchanged makes of a wrench: a torque turns the other way about the axes that stay."""
-_MIRRORED_CHEAPER = 1.0
-"""By how much the cost must fall with mirrored images for the camera to mirror them. It differs by 4 to 7 where contacts are
-dragged by a third of their load, by 1.3 to 4 at a twentieth, and by less than 0.4 under straight presses, which do not tell."""
+"""Factors of the components of a wrench under a reflection x → −x; torque is a pseudovector."""
+_MIRRORED_COST_DROP = 1.0
+"""Drop of the cost with mirrored images from which the camera is taken to mirror them. The cost drops by 4 to 7 where contacts are
+dragged with a third of their load, and by 1.3 to 4 with a twentieth. Under straight presses, which cannot show it, the two costs
+differ by less than 0.4."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def fit_alignment(
     _require_related(delay_s, correlation)
     found, cost = _search_alignment(moments, samples, mount, delay_s)
     _require_related(found.delay_s, correlation)
-    if _search_alignment(moments.mirrored, samples, mount, delay_s)[1] < cost - _MIRRORED_CHEAPER:
+    if _search_alignment(moments.mirrored, samples, mount, delay_s)[1] < cost - _MIRRORED_COST_DROP:
         raise PressingUnusable(
             expected="images that agree with the force/torque sensor",
             got="images that do so only where left and right are exchanged: the camera mirrors them",
@@ -164,7 +165,7 @@ def fit_alignment(
 def _search_alignment(
     moments: EstimatedMoments, samples: ForceTorqueSamples, mount: ForceTorqueMount, delay_s: float
 ) -> tuple[Alignment, float]:
-    """Return the best alignment from any rotation and sign, and its cost."""
+    """Return the alignment of least cost, searched from starts of all rotations and signs, and this cost."""
     few = _Problem(moments.select(_every_few(moments)), samples, mount, delay_s)
     tried = sorted((few.solve(each, _FIRST_ITERATIONS, _HELD_ITERATIONS) for each in few.starts()), key=few.cost)
     problem = _Problem(moments, samples, mount, delay_s)

@@ -36,8 +36,8 @@ PARTS_OF_CELL = 3
 """Number of parts along each side of a cell to which the brightness law is applied."""
 _SMALLEST_WEIGHT = 1e-9
 _EDGE_THINNING = 0.1
-"""Thinning over the gel's thickness from which gel under pressure lies wholly under the object: little pressure that the inversion
-puts beside the contact, where the gel is thicker, does not make it a part of the contact."""
+"""Thinning over the gel's thickness from which gel under pressure counts wholly as lying under the object. The inversion puts a
+little pressure beside the contact, where the gel is thicker; it does not make this gel a part of the contact."""
 _SCATTERING_REACH = 3.0
 """Distance, in standard deviations of the point-spread, from which scattered light still reaches the view."""
 
@@ -55,11 +55,11 @@ class Sight(Protocol):
 
 @dataclass(frozen=True)
 class DeformedSkin:
-    """The skin under tractions of the linear gel, and how much more the gel at finite strain needs for it."""
+    """The skin under tractions of the linear gel, and the tractions that a gel at finite strain needs for it."""
 
     height_mm: SkinField
     thickness_change_mm: SkinField
-    """Change of the gel's thickness, that at finite strain included."""
+    """Change of the gel's thickness, including the part due to finite strain."""
     stiffening: SkinField
     """Ratio of the tractions at finite strain to those of the linear gel."""
     linear_mm: SkinField
@@ -108,9 +108,9 @@ class ForwardModel:
         return Skin(self.cells.patch, replace(self.gel, shear_modulus_mpa=1.0), self.like)
 
     def _on_cells(self, *symbols: Array) -> Complex64[Any, "symbols skin_rows half"]:
-        """Return symbols as one array. Tractions between the middles of cells are those of their Fourier series.
+        """Return symbols as one array. Between the middles of cells, tractions follow their Fourier series.
 
-        Were they uniform over cells, they would be smoother than they are, and loads read too large where they end.
+        Tractions that are uniform over each cell would be too smooth, and estimated loads would be too large at their edges.
         """
         waves = np.stack(symbols)
         return self._skin.asarray(waves.real) + 1j * self._skin.asarray(waves.imag)
@@ -172,13 +172,20 @@ class ForwardModel:
 
     def deform(self, tractions: Tractions) -> DeformedSkin:
         """Return all skin under tractions of the linear gel on the view, with thickness as in `correct_for_finite_strain`."""
-        (rows, cols), shape, gel = tractions.shape[-2:], self.cells.patch.shape, self.gel
-        xp, waves = array_namespace_of(tractions), forward_transform(tractions, shape)
+        xp, waves, gel = array_namespace_of(tractions), forward_transform(tractions, self.cells.patch.shape), self.gel
         height_mm = self._to_skin(waves, self._height_compliance)
         linear_mm = height_mm if gel.has_rigid_base else height_mm - self._to_skin(waves, self._interface_compliance)
         # An iteration far from the solution may press further than through the gel.
         stiffening = finite_strain_stiffening(height_mm, xp.clip(linear_mm, min=-gel.thickness_mm), gel)
-        added = forward_transform(tractions * (stiffening[..., None, :rows, :cols] - 1), shape)
+        nonlinear_mm = self._nonlinear_thickening_mm(tractions, waves, linear_mm, stiffening)
+        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, linear_mm)
+
+    def _nonlinear_thickening_mm(
+        self, tractions: Tractions, waves: Any, linear_mm: SkinField, stiffening: SkinField
+    ) -> SkinField:
+        """Return what finite strain adds to the change of thickness; waves: the transform of the tractions."""
+        (rows, cols), xp, gel = tractions.shape[-2:], array_namespace_of(tractions), self.gel
+        added = forward_transform(tractions * (stiffening[..., None, :rows, :cols] - 1), self.cells.patch.shape)
         change_by_pressure_mm = self._to_skin(waves[..., :1, :, :], self.compliance[:1])
         tangential_mm = self._to_skin(waves[..., None, :, :, :], self.tangential_compliance)
         thickening_mm = finite_strain_thickening_mm(
@@ -189,8 +196,7 @@ class ForwardModel:
         under = xp.zeros_like(linear_mm)
         under[..., :rows, :cols] = xp.clip(thinning / _EDGE_THINNING, min=0, max=1) * (tractions[..., 0, :, :] > 0)
         under_mm = 0.0 if gel.has_rigid_base else -self._to_skin(added, self._interface_compliance)
-        nonlinear_mm = around_mm + under * (under_mm - around_mm)
-        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, linear_mm)
+        return around_mm + under * (under_mm - around_mm)
 
     def thickness_change_mm(self, height_mm: SkinField) -> SkinField:
         """Return the change of the linear gel's thickness where pressure alone gives the skin this height."""

@@ -161,9 +161,13 @@ class TractionForce(ForceEstimator):
         than the model of the gel holds."""
         pressure = result.tractions[0]
         rows, cols = pressure.shape
-        known_mm = min(-self.observation_model.law.deepest_known_mm, MODELLED_THINNING * self.gel.thickness_mm)
-        is_too_thin = -result.skin.thickness_change_mm[:rows, :cols] > known_mm
+        is_too_thin = -result.skin.thickness_change_mm[:rows, :cols] > self.max_known_thinning_mm
         return bool((is_too_thin & (pressure > 0)).any() or pressure.max() > LARGEST_PRESSURE)
+
+    @property
+    def max_known_thinning_mm(self) -> float:
+        """Thinning of the gel up to which both the depth curve and the model of the gel hold."""
+        return min(-self.observation_model.law.deepest_known_mm, MODELLED_THINNING * self.gel.thickness_mm)
 
     def _inversion_for(self, height: HeightMap) -> TractionInversion:
         """Return the inversion for images of this size, built at the first of them."""

@@ -147,7 +147,7 @@ _EXTENSION_FACTOR = 2.0
 SIGHTLINE_ITERATIONS = 4
 MIN_BRIGHTNESS_NOISE = 2e-4
 """Smallest noise of a cell's relative brightness: a tenth of a grey level's step, averaged over a cell."""
-LOCAL_FRACTION = 0.4
+_LOCAL_FRACTION = 0.4
 """Fraction of the depth curve's error that differs from place to place. The rest scales the whole contact, which the stated error
 of the wrench contains; were it assumed in every cell, the inversion would shrink forces. Found on simulated sensors."""
 
@@ -275,7 +275,7 @@ class BrightnessObservationModel(ObservationModel):
         )
         noise = min(max(estimate_cell_noise(change), MIN_BRIGHTNESS_NOISE), largest)
         uneven = reading.light.gradient
-        error = float(np.hypot(LOCAL_FRACTION * self.curve_error, 0.0 if uneven is None else uneven.error))
+        error = float(np.hypot(self.local_error, 0.0 if uneven is None else uneven.error))
         sight = LinesOfSight(1 / reading.height.camera_distance_mm, pixel)
         return ObservationOnCells(change, noise, error, below.z_mm, below.in_view.astype(np.float32), sight)
 
@@ -290,10 +290,10 @@ class BrightnessObservationModel(ObservationModel):
         return cells.average(image.grey) / cached[1] * np.float32(1 / (1 + lost)) - np.float32(1)
 
     @property
-    def curve_error(self) -> float:
-        """Mean error of the depth curve in relative brightness; errors of the curve are alike all around a contact."""
+    def local_error(self) -> float:
+        """Standard deviation of a cell's change due to the depth curve, as far as it differs from place to place."""
         steps = np.diff(self.curve.darkening) / np.maximum(np.diff(self.curve.indentation_mm), 1e-9)
-        return float(np.mean(steps * np.array(self.curve.error_mm)[1:]))
+        return _LOCAL_FRACTION * float(np.mean(steps * np.array(self.curve.error_mm)[1:]))
 
 
 def build_brightness_observation_model(calibrated: CalibratedShape) -> BrightnessObservationModel:

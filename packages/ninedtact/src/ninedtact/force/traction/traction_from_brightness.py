@@ -11,6 +11,7 @@ relative errors of the sensor's parameters.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,11 +45,11 @@ SMALLEST_STEP = 0.25
 """Smallest part of the way to a result by which the tractions about which the problem is linearised move."""
 SLIDES_FROM = 0.8
 """Shear over pressure from which a contact is taken to slide, so that the skin under it spreads freely. Loads of sheared contacts
-with friction of 0.4 and 1 are right to a tenth with it; they were up to a third too large where the skin was held."""
+with friction of 0.4 and 1 are then right to a tenth. They would be up to a third too large if the skin were always held."""
 _WARM_SLACK = 1.5
 """Factor by which a result that started from the previous image may be farther from convergence than that image's."""
 STICKING_CHANGE = 2.0
-"""Weight of a change of the part that sticks among those of the pressure."""
+"""Weight of a change of the part of the shear that friction bears, beside a change of the pressure."""
 CARRYING_EXPONENT = 0.75
 """Power of the smoothed pressure to which shear is proportional: towards the rim it falls off more slowly than pressure."""
 LEVEL_STD = 0.003
@@ -105,7 +106,8 @@ class InversionResult:
     newton_decrement: float
     """Upper bound of the distance to the optimum, in standard deviations of any sum of the unknowns."""
     pressure_change: float
-    """Change of the pressure in the last iteration, relative to its sum, or of the part that sticks."""
+    """Change of the pressure in the last iteration, relative to its sum; or `STICKING_CHANGE` times that of the part of the shear
+    that friction bears, where that is larger."""
     iterations: int
     step: float = 1.0
     """Part of the way to this result by which the tractions about which the problem is linearised move."""
@@ -184,28 +186,24 @@ class TractionInversion:
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem, sight = self._linearise(observation, region, guess), observation.sight
-        seen = self.forward.observed_change(self.law, guess.skin, sight)
-        seen -= self.forward.scatter(problem.slope * guess.skin.linear_mm)
-        programme = problem.quadratic_programme(observation.change - seen)
+        constant = self.forward.observed_change(self.law, guess.skin, sight)
+        constant -= self.forward.scatter(problem.slope * guess.skin.linear_mm)
+        programme = problem.quadratic_programme(observation.change - constant)
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
         tractions = problem.tractions(solution.x)
         skin = self.forward.deform(tractions)
         predicted = self.forward.observed_change(self.law, skin, sight)
-        nonlinear = predicted - seen - self.forward.scatter(problem.slope * skin.linear_mm)
-        decrement = problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf
-        misfit = self._misfit(observation, predicted)
-        change = np.abs(tractions[0] - guess.tractions[0]).sum() / max(float(tractions[0].sum()), 1e-9)
-        change = max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
+        nonlinear = predicted - constant - self.forward.scatter(problem.slope * skin.linear_mm)
         return InversionResult(
             tractions,
             skin,
             guess.tractions,
             problem,
             solution,
-            misfit,
-            decrement,
-            float(change),
+            self._misfit(observation, predicted),
+            problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf,
+            _change(tractions, guess.tractions, problem.sticking_part),
             guess.iterations + 1,
         )
 
@@ -264,13 +262,19 @@ class TractionInversion:
         return DiscretePrior(self.forward.cells, self.prior)
 
 
+def _change(tractions: Tractions, before: Tractions, sticking_part: float) -> float:
+    """Return the change from the tractions and the part that sticks in the iteration before (`pressure_change`)."""
+    change = float(np.abs(tractions[0] - before[0]).sum()) / max(float(tractions[0].sum()), 1e-9)
+    return max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - sticking_part))
+
+
 def _sticking_part(tractions: Tractions) -> float:
     """Return the part of the shear which keeps the skin in place that friction still bears under these tractions."""
     pressed, along_x, along_y = tractions.sum(axis=(1, 2)).tolist()
     return max(1 - float(np.hypot(along_x, along_y)) / max(SLIDES_FROM * pressed, 1e-9), 0.0)
 
 
-THICKNESS_EXPONENT = 1.0
+_THICKNESS_EXPONENT = 1.0
 """Exponent with which forces fall with the assumed thickness: an average, larger for shear and smaller for load."""
 
 
@@ -305,20 +309,29 @@ class UncertaintyModel:
         stiffening: ratio of the load at finite strain to that of the linear layer.
         """
         forward, pressure = result.problem.kernels.forward, result.tractions[0].astype(float)
-        unresolved = self._unresolved(pressure, forward)
-        relative_variance = self.model**2 + (THICKNESS_EXPONENT * self.thickness) ** 2 + unresolved**2
-        relative_variance += (self.stiffening * (1 - 1 / stiffening)) ** 2
+        unresolved = min(self.unresolved_error(_count_peaks(pressure), forward), 1.0)
+        relative_variance = self.relative_variance(unresolved, stiffening)
         covariance = _wrench_covariance(result) * (modulus_mpa * stiffening) ** 2 + np.diag(relative_variance * six**2)
         extent = pressure_rms_radii(pressure, *forward.cells.coordinates_mm)
         structure_nm = unresolved * self.torque_arm * abs(six[2]) * extent.radius_of_gyration_mm / 1e3
         twist_nm = extent.hidden_torque_nm(six[2])
         return covariance + np.diag([0, 0, 0, structure_nm**2, structure_nm**2, structure_nm**2 + twist_nm**2])
 
-    def _unresolved(self, pressure: Float64[Array, "rows cols"], forward: ForwardModel) -> float:
-        """Return the relative error of the force due to structure that is not resolved; at most one."""
+    def relative_variance(self, unresolved: Any, stiffening: Any) -> Any:
+        """Return the variance of the wrench relative to its square, for one contact or an array of contacts.
+
+        unresolved: relative error due to structure that is not resolved. stiffening: as in `wrench_covariance`.
+        """
+        constant = self.model**2 + (_THICKNESS_EXPONENT * self.thickness) ** 2
+        return constant + unresolved**2 + (self.stiffening * (1 - 1 / stiffening)) ** 2
+
+    def unresolved_error(self, peaks: Any, forward: ForwardModel) -> Any:
+        """Return the relative error of the force due to structure that is not resolved; the caller limits it to one.
+
+        peaks: number of peaks of the pressure, of one contact or of an array of contacts.
+        """
         resolution_mm = max(forward.point_spread_mm, forward.cells.pitch_mm / 2)
-        growth = _count_peaks(pressure) ** self.peaks_exponent
-        return min(self.unresolved * resolution_mm / forward.gel.thickness_mm * growth, 1.0)
+        return self.unresolved * resolution_mm / forward.gel.thickness_mm * peaks**self.peaks_exponent
 
 
 def _count_peaks(pressure: Float64[Array, "rows cols"]) -> float:
