@@ -135,7 +135,7 @@ def force_on_real_fits(
         for said in (*certificate.warnings, *lines):
             print(f"{one.member.name}: {said}")
     results = dict(run_jobs(judge, [(one,) for one in setups], workers))
-    show({one.member.name: results[number] for number, one in enumerate(setups)})
+    print_scores({one.member.name: results[number] for number, one in enumerate(setups)})
     if wrong == "nothing":
         show_images_without_press(setups, untouched=2 if quick else 50)
 
@@ -206,14 +206,24 @@ def calibrate_twin(member: SampledSensor, folder: Path, wrong: Wrong = "nothing"
         (folder / REFUSAL_FILE).write_text(str(refusal))
 
 
+def calibrated_sensor(name: str, out: Path) -> SensorFolder:
+    """Return a sensor that is calibrated once into a folder: a real one from its images, a twin of a real fit from its own."""
+    if not (out / name).is_dir():
+        if name.startswith("sensor_"):
+            save_sensor(out / name, calibrated(name, "physics"))
+        else:
+            calibrate_twin(twins_of_real_fits()[name], out / name)
+    return load_sensor(out / name)
+
+
 def judge(setup: Setup) -> Judged:
     """Estimate every image alone, with the calibration, with that of a known base, and with light and gel as they are."""
     sensor, member = load_sensor(setup.folder), setup.member
-    with_true_base, *_ = estimates(
+    with_true_base, *_ = estimate_images(
         setup, *physics_of(sensor_with_other_base(sensor, KnownBase(member.gel.gel_to_base_modulus_ratio)), member)
     )
-    with_true_light, *_ = estimates(setup, sensor.shape, physics_of_true_light(sensor.shape, member))
-    return Judged(*estimates(setup, *physics_of(sensor, member)), with_true_base, with_true_light)
+    with_true_light, *_ = estimate_images(setup, sensor.shape, physics_of_true_light(sensor.shape, member))
+    return Judged(*estimate_images(setup, *physics_of(sensor, member)), with_true_base, with_true_light)
 
 
 def physics_of(sensor: SensorFolder, member: SampledSensor) -> tuple[CalibratedShape, ForceEstimator]:
@@ -232,7 +242,7 @@ def physics_of_true_light(shape: CalibratedShape, member: SampledSensor) -> Forc
     return TractionForce(model, member.gel, calibration_checksum=shape.calibration_checksum)
 
 
-def estimates(
+def estimate_images(
     setup: Setup, shape: CalibratedShape, estimator: ForceEstimator
 ) -> tuple[WrenchPredictions, np.ndarray, float]:
     """Return the estimates of every image alone, which of them are warned of, and the milliseconds of one."""
@@ -256,19 +266,19 @@ def estimates(
     return predictions, np.array(warned), float(np.median(ms))
 
 
-def show(found: dict[str, Judged]) -> None:
-    """Print skill, slope and coverage of every sensor, and the mean and the worst; then the same with the true base."""
+def print_scores(found: dict[str, Judged]) -> None:
+    """Print skill, slope and coverage of every sensor, mean and worst; then the same with true base and true light."""
     print(
         "\nskill about the skin's centre | of Tx, Ty 35 mm below | slope of the line fitted to Fz | within 1σ, 2σ | warned | ms"
     )
-    show_rows(
-        {name: numbers(one.predictions) for name, one in found.items()},
+    print_rows(
+        {name: score_row(one.predictions) for name, one in found.items()},
         {name: f"  {one.warned.mean():4.0%}  {one.ms:4.1f}" for name, one in found.items()},
     )
     print("the same, calibrated with the true base: the difference is what the calibration cannot know")
-    show_rows({name: numbers(one.with_true_base) for name, one in found.items()}, {})
+    print_rows({name: score_row(one.with_true_base) for name, one in found.items()}, {})
     print("the same with light and gel as they are: the rest is what the inversion loses")
-    show_rows({name: numbers(one.with_true_light) for name, one in found.items()}, {})
+    print_rows({name: score_row(one.with_true_light) for name, one in found.items()}, {})
     print(f"truth within 1σ and within 2σ, {' '.join(AXES)}")
     for name, one in found.items():
         off = np.abs(one.predictions.error) / one.predictions.std
@@ -276,14 +286,14 @@ def show(found: dict[str, Judged]) -> None:
         print(f"  {name:6s}" + "  |  ".join(shares), flush=True)
 
 
-def show_rows(rows: dict[str, np.ndarray], ends: dict[str, str]) -> None:
+def print_rows(rows: dict[str, np.ndarray], ends: dict[str, str]) -> None:
     """Print a row of numbers for each sensor, with its end, and their mean and worst."""
     table = np.array(list(rows.values()))
     for name, row in {**rows, "mean": table.mean(axis=0), "worst": table.min(axis=0)}.items():
-        print(f"  {name:6s}" + line(row) + ends.get(name, ""))
+        print(f"  {name:6s}" + format_row(row) + ends.get(name, ""))
 
 
-def numbers(predictions: WrenchPredictions) -> np.ndarray:
+def score_row(predictions: WrenchPredictions) -> np.ndarray:
     """Return six skills, two 35 mm below, the slope of F_z, and two coverages."""
     centre = evaluate_predictions(predictions).scores
     below = evaluate_predictions(predictions.about(BELOW_SKIN_MM)).scores
@@ -291,7 +301,7 @@ def numbers(predictions: WrenchPredictions) -> np.ndarray:
     return np.array([*centre.skill, *below.skill[3:5], centre.slope_with_offset[2], (off < 1).mean(), (off < 2).mean()])
 
 
-def line(row: np.ndarray) -> str:
+def format_row(row: np.ndarray) -> str:
     """Format one row."""
     skill, below, slope, one, two = row[:6], row[6:8], *row[8:]
     texts = (" ".join(f"{value:.2f}" for value in some) for some in (skill, below, (slope,), (one, two)))

@@ -34,6 +34,7 @@ from ninedtact import (
 from ninedtact.calibration.ball.ball_fit import fit_ball
 from ninedtact.calibration.save import save_sensor
 from ninedtact.errors import SimulationError
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import InvalidPose
 from ninedtact.quantities import HeightMap, Traction, skin_grid_mm
@@ -45,6 +46,7 @@ from ninedtact.simulation.calibration_images import GUIDED_FRAMES, GUIDED_PRESSE
 from ninedtact.simulation.ground_truth import true_height_map, true_height_map_like
 from ninedtact.simulation.objects.catalogue import FAMILIES_BY_KIND
 from ninedtact.simulation.trajectory import ScriptedPress
+from ninedtact.simulation.twin import Twin
 from ninedtact_train.population.mechanics_shares import MechanicsShares
 from ninedtact_train.population.sensor_population import SampledSensor, sample_sensor
 
@@ -209,36 +211,50 @@ class StudiedSensor:
         reader = shape.depth_reader(*(Frame(own.renderer(None, 100 + n)) for n in range(10)))
         for kind, family in families[number % step :: step]:
             name, load_n = f"{family}_{number + 1:02d}", float(rng.uniform(*LOADS_N))
-            indenter, pose, press = indenter_from_name(name), Pose(*rng.uniform(-1, 1, 2), 0.1), None
-            try:
-                for part in (0.5, 1.0):
-                    press = own.press(press, indenter, pose, load_n * part)
-            except (SimulationError, InvalidPose):
-                continue  # it does not fit on the gel, or leaves none
-            reading = read_frame(Frame(own.renderer(press.corrected, number)), shape, reader)
+            pressed = press_object(own, name, Pose(*rng.uniform(-1, 1, 2), 0.1), load_n)
+            if pressed is None:
+                continue
+            reading = read_frame(Frame(own.renderer(pressed, number)), shape, reader)
             read = reading.height
-            true = true_height_map_like(press.corrected, read, own.renderer.light.inverse_distance_per_mm)
-            pressed = (true.z_mm < -DEEPER_THAN_MM) & read.in_view
-            if not pressed.any():
+            true = true_height_map_like(pressed, read, own.renderer.light.inverse_distance_per_mm)
+            is_deep = (true.z_mm < -DEEPER_THAN_MM) & read.in_view
+            if not is_deep.any():
                 continue
             found, deepest = max_indentation_mm(read), max_indentation_mm(true)
             force.forget()
-            traction = force.estimate(reading).traction
-            assert traction is not None, "expected a press that is felt"
-            upright = orthorectify(read)
-            true_mm = true_height_map(press.corrected, upright.z_mm.shape, upright.mm_per_px, 0.0).z_mm
-            under = (true_mm < -DEEPER_THAN_MM) & upright.in_view
-            solved_mm = heights_of_tractions(traction, upright)
-            off_mm = [np.abs(z_mm - true_mm)[under].mean() for z_mm in (solved_mm, (solved_mm + upright.z_mm) / 2)]
             yield ObjectPress(
                 name,
                 kind,
-                1e3 * float(np.abs(read.z_mm - true.z_mm)[pressed].mean()),
+                1e3 * float(np.abs(read.z_mm - true.z_mm)[is_deep].mean()),
                 1e3 * deepest,
                 1e3 * (found - deepest),
                 1e3 * reader.max_indentation_error_mm(read),
-                *(1e3 * float(off) for off in off_mm),
+                *mae_of_tractions_um(force.estimate(reading).traction, read, pressed),
             )
+
+
+def press_object(twin: Twin, name: str, pose: Pose, load_n: float) -> Contact | None:
+    """Return the contact of an object with a load; None for one that does not fit on the gel, or leaves none."""
+    indenter, press = indenter_from_name(name), None
+    try:
+        for part in (0.5, 1.0):
+            press = twin.press(press, indenter, pose, load_n * part)
+    except (SimulationError, InvalidPose):
+        return None
+    return press.corrected
+
+
+def mae_of_tractions_um(traction: Traction | None, read: HeightMap, true: Contact) -> tuple[float, float]:
+    """Return the MAE of the skin under tractions, and that of its mean with the heights that are read."""
+    assert traction is not None, "expected tractions, got a press without contact"
+    upright = orthorectify(read)
+    true_mm = true_height_map(true, upright.z_mm.shape, upright.mm_per_px, 0.0).z_mm
+    is_deep = (true_mm < -DEEPER_THAN_MM) & upright.in_view
+    solved_mm = heights_of_tractions(traction, upright)
+    of_tractions, of_both = (
+        1e3 * float(np.abs(z_mm - true_mm)[is_deep].mean()) for z_mm in (solved_mm, (solved_mm + upright.z_mm) / 2)
+    )
+    return of_tractions, of_both
 
 
 def heights_of_tractions(traction: Traction, like: HeightMap) -> np.ndarray:

@@ -15,11 +15,9 @@ from time import process_time
 import numpy as np
 import tyro
 from figures import Figure, answer, at_least, at_most
-from force_on_real_fits import calibrate_twin
-from real_images import calibrated
+from force_on_real_fits import calibrated_sensor
 
-from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.mechanics.height_grid_indenter import indenter_from_heights
 from ninedtact.mechanics.indenter import Indenter
@@ -34,7 +32,6 @@ from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import Twin
 from ninedtact.tracking import ContactTracker, SlipEstimator, SlipSample, SlipState, TrackedContacts
 from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 
 SENSORS, HELD_OUT = ("sensor_a", "sensor_i"), ("L", "P", "R")
 OBJECTS = (
@@ -288,12 +285,7 @@ def slip(
     """Let every object slip on every sensor."""
     figures: list[Figure] = []
     for name in (HELD_OUT if held_out else SENSORS)[: 1 if quick else None]:
-        if not (out / name).is_dir():
-            if held_out:
-                calibrate_twin(twins_of_real_fits()[name], out / name)
-            else:
-                save_sensor(out / name, calibrated(name, "physics"))
-        figures += measure(name, load_sensor(out / name), quick)
+        figures += measure(name, calibrated_sensor(name, out), quick)
     answer("Slip, friction and contacts on a sensor's own twin", figures, json)
 
 

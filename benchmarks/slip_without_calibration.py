@@ -6,7 +6,7 @@ first of them are changed as people's images differ.
 Images without contact are not judged. Constants were chosen on one half of objects, sizes and sensors; figures are of the other.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -53,40 +53,39 @@ def slip_without_calibration(sequences: int = 60, half: int = REPORT, quick: boo
     """Simulate presses with drags and judge the slip that is found in their images alone."""
     drags = [simulate_drag(number, half) for number in range(2 if quick else sequences)]
     judged = [judge(drag) for drag in drags]
-    truth, found = (np.concatenate([getattr(one, part) for one in judged]) for part in ("truth", "found"))
-    groups, motions = (
-        {
-            name: macro_f1_of([one for one in judged if getattr(one, part) == name])
-            for name in dict.fromkeys(getattr(one, part) for one in judged)
-        }
-        for part in ("item", "kind")
-    )
     changed = {"unchanged": macro_f1_of(judged[:CHANGED_SEQUENCES])}
     for name, change in CHANGES.items():
         changed[name] = macro_f1_of([judge(change(drag)) for drag in drags[:CHANGED_SEQUENCES]])
-    scores, deviation = class_f1(truth, found), np.concatenate([one.deviation for one in judged])
     figures = [
-        at_least("macro F1 of all images", float(scores.mean()), 0.6),
-        Figure("F1 of static, incipient and gross", ", ".join(f"{score:.2f}" for score in scores)),
-        Figure("macro F1 by object: mean", float(np.mean(list(groups.values())))),
-        at_least("macro F1 by object: worst", min(groups.values()), 0.4),
-        *(Figure(f"macro F1 of {name}", score) for name, score in motions.items()),
+        *slip_figures(judged),
         Figure("macro F1 of changed images: mean", float(np.mean(list(changed.values())))),
         *(Figure(f"macro F1, {name}", score) for name, score in changed.items()),
-        Figure("macro F1 of always answering gross", macro_f1(truth, np.full_like(truth, "gross"))),
-        Figure("images judged: static, incipient, gross", ", ".join(f"{(truth == slip).sum()}" for slip in CLASSES)),
-        Figure("displacement, error, median over sequences, mm", float(np.median([one.error_mm for one in judged]))),
-        Figure(
-            "displacement, error, largest tenth of sequences, mm",
-            float(np.quantile([one.error_mm for one in judged], 0.9)),
-        ),
-        Figure(
-            "displacement within two and three standard deviations",
-            f"{(deviation < 2).mean():.2f}, {(deviation < 3).mean():.2f}",
-        ),
+        *displacement_figures(judged),
         Figure("time of one image, ms", float(np.mean([one.ms for one in judged]))),
     ]
     answer("Slip without a calibration", figures, json)
+
+
+def slip_figures(judged: list["Judged"]) -> Iterator[Figure]:
+    """Yield the scores of all images, by object and by kind of motion, and that of a constant answer."""
+    truth, found = (np.concatenate([getattr(one, part) for one in judged]) for part in PARTS)
+    scores, by_object = class_f1(truth, found), macro_f1_by("item", judged)
+    yield at_least("macro F1 of all images", float(scores.mean()), 0.6)
+    yield Figure("F1 of static, incipient and gross", ", ".join(f"{score:.2f}" for score in scores))
+    yield Figure("macro F1 by object: mean", float(np.mean(list(by_object.values()))))
+    yield at_least("macro F1 by object: worst", min(by_object.values()), 0.4)
+    yield from (Figure(f"macro F1 of {name}", score) for name, score in macro_f1_by("kind", judged).items())
+    yield Figure("macro F1 of always answering gross", macro_f1(truth, np.full_like(truth, "gross")))
+    yield Figure("images judged: static, incipient, gross", ", ".join(f"{(truth == slip).sum()}" for slip in CLASSES))
+
+
+def displacement_figures(judged: list["Judged"]) -> Iterator[Figure]:
+    """Yield the errors of displacement, and whether the stated ones contain them."""
+    error_mm, deviation = [one.error_mm for one in judged], np.concatenate([one.deviation for one in judged])
+    within = f"{(deviation < 2).mean():.2f}, {(deviation < 3).mean():.2f}"
+    yield Figure("displacement, error, median over sequences, mm", float(np.median(error_mm)))
+    yield Figure("displacement, error, largest tenth of sequences, mm", float(np.quantile(error_mm, 0.9)))
+    yield Figure("displacement within two and three standard deviations", within)
 
 
 CLASSES, PARTS = ("static", "incipient", "gross"), ("truth", "found")
@@ -133,6 +132,12 @@ def judge(drag: "Drag") -> Judged:
         since.max(axis=1),
         ms,
     )
+
+
+def macro_f1_by(part: str, judged: list[Judged]) -> dict[str, float]:
+    """Return the macro F1 of the sequences of each object ("item") or kind of motion ("kind")."""
+    names = dict.fromkeys(getattr(one, part) for one in judged)
+    return {name: macro_f1_of([one for one in judged if getattr(one, part) == name]) for name in names}
 
 
 def macro_f1_of(judged: list[Judged]) -> float:

@@ -7,7 +7,7 @@ once around in steps of 10°. The sensors are twins of six real fits: A and I as
 calibrated from images of their own twins.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
@@ -15,17 +15,14 @@ from time import process_time
 import numpy as np
 import tyro
 from figures import Figure, answer, at_least, at_most, holds
-from force_on_real_fits import calibrate_twin
-from real_images import calibrated
+from force_on_real_fits import calibrated_sensor
 
-from ninedtact.calibration.save import save_sensor
-from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import read_frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.tracking import ContactTracker, ObjectTracker, RigidMotion
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 
 SENSORS = "sensor_a", "sensor_i", "L", "P", "Q", "R"
 TEXTURED = "key_05", "key_11", "letter_03", "letter_17", "gear_07", "spanner_02", "cross_03", "text_02"
@@ -51,32 +48,33 @@ class Followed:
 def tracking(out: Path = Path("out/own_twin_presses"), quick: bool = False, json: bool = False) -> None:
     """Follow every object on every sensor."""
     figures: list[Figure] = []
-    of_all: dict[str, list[float]] = {}
     for name in SENSORS[: 1 if quick else None]:
-        if not (out / name).is_dir():
-            if name in ("sensor_a", "sensor_i"):
-                save_sensor(out / name, calibrated(name, "physics"))
-            else:
-                calibrate_twin(twins_of_real_fits()[name], out / name)
-        sensor = load_sensor(out / name)
-        steps = 2 if quick else STEPS
-        textured = [follow(sensor, item, drag_and_turn(steps)) for item in TEXTURED[: 1 if quick else None]]
-        plain = [follow(sensor, item, drag_and_turn(steps)) for item in FEATURELESS[: 1 if quick else None]]
-        around = range(0, 21 if quick else 361, TURN_STEP_DEG)
-        turned = [follow(sensor, item, turn_around(around)) for item in TURNED[: 1 if quick else None]]
-        found = [
-            *figures_of(name, textured, plain),
-            *figures_of_turns(name, textured, turned),
-            at_least(f"{name}: images per second with force, contacts and slip", rate_with_force(sensor, steps), 60),
-        ]
-        for figure in found:
-            if isinstance(figure.measured, int | float):
-                of_all.setdefault(figure.figure.partition(": ")[2], []).append(figure.measured)
-        figures += found
+        figures += measure(name, calibrated_sensor(name, out), quick)
+    answer("Objects followed on a sensor's own twin", [*figures, *summary_figures(figures)], json)
+
+
+def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
+    """Return the figures of one sensor."""
+    steps, around = 2 if quick else STEPS, range(0, 21 if quick else 361, TURN_STEP_DEG)
+    textured = [follow(sensor, item, drag_and_turn(steps)) for item in TEXTURED[: 1 if quick else None]]
+    plain = [follow(sensor, item, drag_and_turn(steps)) for item in FEATURELESS[: 1 if quick else None]]
+    turned = [follow(sensor, item, turn_around(around)) for item in TURNED[: 1 if quick else None]]
+    return [
+        *figures_of(name, textured, plain),
+        *figures_of_turns(name, textured, turned),
+        at_least(f"{name}: images per second with force, contacts and slip", rate_with_force(sensor, steps), 60),
+    ]
+
+
+def summary_figures(figures: list[Figure]) -> Iterator[Figure]:
+    """Yield mean, least and largest over the sensors of what was measured on each; names of figures begin with the sensor's."""
+    of_all: dict[str, list[float]] = {}
+    for figure in figures:
+        if isinstance(figure.measured, int | float):
+            of_all.setdefault(figure.figure.partition(": ")[2], []).append(figure.measured)
     for what, values in of_all.items():
         numbers = f"{np.mean(values):.3g}; {min(values):.3g} to {max(values):.3g}"
-        figures.append(Figure(f"mean; least to largest of {len(values)} sensors: {what}", numbers))
-    answer("Objects followed on a sensor's own twin", figures, json)
+        yield Figure(f"mean; least to largest of {len(values)} sensors: {what}", numbers)
 
 
 def rate_with_force(sensor: SensorFolder, steps: int) -> float:

@@ -129,7 +129,7 @@ def test_three_turns_of_a_screw_are_counted(screw: str, real_data: Path, physica
 
 @pytest.mark.interop
 def test_a_policy_learns_to_insert_a_peg(real_data: Path) -> None:
-    """That it starts and ends; docs/simulators.md says what 100,000 steps teach."""
+    """It starts and ends; docs/simulators.md says what a longer training teaches."""
     pytest.importorskip("stable_baselines3", reason="the extra 'reinforcement' is not installed")
     options = ("--steps", "128", "--envs", "2", "--episodes", "1", "--pitch-mm", "0.7")
     touch, blind = run("11_learn_peg_insertion.py", real_data, *options).splitlines()

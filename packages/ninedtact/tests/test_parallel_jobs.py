@@ -100,16 +100,6 @@ def _write_square(folder: Path, number: int) -> int:
     return number
 
 
-def test_a_gpu_and_a_cluster_are_refused_together(tmp_path: Path) -> None:
-    from ninedtact_train.dataset.generation.generate import generate_dataset
-    from ninedtact_train.dataset.generation.settings import GenerationSettings
-
-    cluster = DaskCluster("host:1", 2, lambda *_: pytest.fail("no job may run"))
-    with pytest.raises(InputError, match="expected --device cpu together with --cluster, got cuda"):
-        generate_dataset(tmp_path / "out", GenerationSettings(pairs=10), cluster, device="cuda")
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_source_that_a_worker_does_not_find_is_named(tmp_path: Path) -> None:
     from ninedtact.errors import InputError
     from ninedtact_train.dataset.build import _make_part

@@ -74,8 +74,13 @@ class _InterruptHandler:
         raise KeyboardInterrupt
 
     def left_with(self, code: int) -> int:
-        """The exit code. An interpreter that was interrupted inside an import kills itself by the signal at its end, even
-        though the interruption was answered (CPython's `unhandled_keyboard_interrupt`); so it is not given that end."""
+        """Return the exit code, after which interruptions are ignored: the command has said how it ended.
+
+        An interpreter that was interrupted inside an import kills itself by the signal at its end, even though the interruption
+        was answered (CPython's `unhandled_keyboard_interrupt`); so it is not given that end.
+        """
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         if self.happened:
             sys.stdout.flush()
             sys.stderr.flush()

@@ -24,7 +24,7 @@ _STEADY_FACTOR, _STEADY_CHANGE = 4.0, 0.004
 _TOUCHED_CHANGE = 0.02
 """Relative change of a cell that only a contact makes."""
 _DETAIL_CELLS = 2.0
-"""Standard deviation in cells of the smoothing that light without contact survives, and the edges of a contact do not."""
+"""Standard deviation, in cells, of the smoothing that keeps the pattern of the light and removes the edges of a contact."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> Re
     beginning, ending = _steady(first), _steady(last[::-1])
     first_cells, last_cells = _cells_of(beginning), _cells_of(ending)
     is_alike = float(_relative_change(last_cells, first_cells).max()) < _TOUCHED_CHANGE
-    if is_alike or _detail(first_cells) <= _detail(last_cells):
+    if is_alike or _fine_detail(first_cells) <= _fine_detail(last_cells):
         return ReferenceFrames(beginning)
     numbers = f"{ending[-1].index}:{ending[0].index + 1}"
     notice = f"the first images show a contact that the last ones do not: images {numbers} are the reference"
@@ -102,8 +102,8 @@ def _cells_of(frames: Sequence[Frame]) -> Float32[Array, "cell_rows cell_cols"]:
     )
 
 
-def _detail(cells: Float32[Array, "cell_rows cell_cols"]) -> float:
-    """Return the variance of brightness, on a logarithmic scale, that is finer than light without contact: more under a contact."""
+def _fine_detail(cells: Float32[Array, "cell_rows cell_cols"]) -> float:
+    """Return the variance of log brightness that is finer than the pattern of the light; a contact adds to it."""
     is_lit = cells > MIN_LIT_GREY_LEVEL
     level = np.log(np.maximum(cells, 1.0))
     level = np.where(is_lit, level, level[is_lit].mean() if is_lit.any() else 0.0)

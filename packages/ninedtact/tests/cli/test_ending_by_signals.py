@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -33,3 +35,14 @@ def test_a_closing_terminal_asks_for_the_end_as_often_as_it_likes_unless_it_is_i
                 assert until.requested is not ignored
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_after_the_last_word_changes_nothing(number: int) -> None:
+    program = f"""import atexit, signal, sys
+from ninedtact.__main__ import main
+atexit.register(signal.raise_signal, {number:d})
+sys.argv = ["ninedtact", "--version"]
+sys.exit(main())"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "") and ended.stdout.startswith("ninedtact ")

@@ -86,6 +86,16 @@ def test_bulges_beside_a_wide_object_that_is_dragged_are_no_noise(physical_senso
     assert measure_even_noise(noise) == pytest.approx(measure_smooth_noise(noise), rel=0.3)
 
 
+@pytest.mark.parametrize("wave_mm", [5.0, 8.0, 12.0])
+def test_a_wide_ring_and_its_bulges_are_no_noise(wave_mm: float) -> None:
+    """They brighten and darken all parts of the view: rings of 11 N were taken for noise, and then for untouched skin."""
+    untouched = reading(*FULL, 1)
+    y, x = (np.mgrid[: FULL[0][0], : FULL[0][1]] - np.array([172, 230])[:, None, None]) * FULL[1]
+    grey = untouched.rectified.grey * (1 - 0.04 * np.cos(2 * np.pi * np.hypot(x, y) / wave_mm)).astype(np.float32)
+    pressed = replace(untouched, rectified=Rectified(grey.astype(np.float32), FULL[1]))
+    assert measure_darkening_and_limit(pressed)[0] > 4 * measure_even_noise(pressed)
+
+
 def test_pins_all_over_the_view_are_a_touch_and_not_noise() -> None:
     untouched = reading(*FULL, 1)
     y, x = np.mgrid[: FULL[0][0], : FULL[0][1]] * FULL[1]

@@ -39,7 +39,7 @@ _DECODING_ERRORS = (
     IndexError,
 )
 _FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
-"""Noise does not repeat itself: to search for repetitions takes three times as long, and the files are larger."""
+"""Noise of a camera does not repeat itself: a search for repetitions takes three times as long and makes larger files."""
 if hasattr(cv2, "IMWRITE_PNG_FILTER"):  # since OpenCV 4.12; smaller and twice as fast
     _FAST_PNG += [cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG]
 _CUT_SHORT = "a file that is cut short"
@@ -78,7 +78,7 @@ def decode_image_file(content: bytes, *formats: str) -> UInt8[Array, "rows cols 
 
 
 def encode_png(image: UInt8[Array, "rows cols"] | UInt8[Array, "rows cols 3"]) -> bytes:
-    """Return the PNG file of a camera image, grey or BGR, in little time."""
+    """Return the PNG file of a camera image, grey or BGR, compressed for speed."""
     return bytes(cv2.imencode(".png", np.ascontiguousarray(image), _FAST_PNG)[1])
 
 

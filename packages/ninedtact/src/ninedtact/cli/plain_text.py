@@ -29,12 +29,18 @@ def _spell_character(character: str) -> str:
     if name.startswith("GREEK"):
         return name.split(" WITH ")[0].rsplit(maxsplit=1)[-1].lower()
     if name.startswith("BOX DRAWINGS"):
-        return {(True, False): "-", (False, True): "|"}.get(("HORIZONTAL" in name, "VERTICAL" in name), "+")
+        return _spell_box_line(name)
     plain = unicodedata.normalize("NFKD", character)
     kept = "".join(part for part in plain if not unicodedata.combining(part))
     if plain != character or unicodedata.combining(character):
         return spell_in_ascii(kept)
     return character.encode("ascii", "backslashreplace").decode()
+
+
+def _spell_box_line(name: str) -> str:
+    if "HORIZONTAL" in name:
+        return "+" if "VERTICAL" in name else "-"
+    return "|" if "VERTICAL" in name else "+"
 
 
 def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:

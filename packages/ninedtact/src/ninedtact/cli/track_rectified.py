@@ -133,15 +133,15 @@ def _row(image: "TrackedImage") -> dict[str, Any]:
     motion, slip = image.motion, image.slip
     (x_mm, y_mm), (x_std, y_std) = motion.moved_mm.tolist(), motion.std_mm.tolist()
     shear_x, shear_y, outward = image.force_n.tolist()
-    is_free = motion.state == "no contact"
+    is_untouched = motion.state == "no contact"
     return {
         "frame": image.index,
         "time_s": image.time_s,
         "state": str(motion.state),
         "touching": motion.state == "tracked",
-        "slip": "static" if is_free else "" if slip.state == "unknown" else str(slip.state),
-        "p_incipient": 0.0 if is_free else slip.p_incipient,
-        "p_gross": 0.0 if is_free else slip.p_gross,
+        "slip": _slip_label(image),
+        "p_incipient": 0.0 if is_untouched else slip.p_incipient,
+        "p_gross": 0.0 if is_untouched else slip.p_gross,
         "sticking_share": slip.sticking_share,
         "x_mm": x_mm,
         "y_mm": y_mm,
@@ -154,3 +154,10 @@ def _row(image: "TrackedImage") -> dict[str, Any]:
         "shear_y": shear_y,
         "reason": motion.reason,
     }
+
+
+def _slip_label(image: "TrackedImage") -> str:
+    """Return the label of slip: static where nothing touches, empty where the image says nothing."""
+    if image.motion.state == "no contact":
+        return "static"
+    return "" if image.slip.state == "unknown" else str(image.slip.state)

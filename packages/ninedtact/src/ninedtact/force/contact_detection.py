@@ -98,6 +98,9 @@ SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
 _TILES = 3, 4
 """Tiles in which the noise of a stream is measured."""
+_MAX_SMOOTH_NOISE = 2.0
+"""Largest noise of a tile after smoothing over that of one cell. It is at most 0.6 for JPEG of quality 40 and better; wide objects
+have 4 to 25."""
 _DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
 """Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the error that it leaves."""
 INTERPOLATED = 1.5
@@ -185,9 +188,11 @@ def measure_smooth_noise(reading: Reading) -> float:
 def measure_even_noise(reading: Reading) -> float:
     """Return the noise after smoothing of an image that may be pressed, as its relative brightness.
 
-    Noise brightens and darkens every tile; bulges beside a contact only brighten, and a contact only darkens.
+    Noise brightens and darkens every tile; bulges beside a contact only brighten, and a contact only darkens. Wide objects with
+    their bulges do both in every tile, but without the differences between neighbouring cells that noise has.
     """
-    return max(float(np.median(np.minimum(*_largest_changes_of_tiles(reading)))), 0.0)
+    even = max(float(np.median(np.minimum(*_largest_changes_of_tiles(reading)))), 0.0)
+    return min(even, _MAX_SMOOTH_NOISE * estimate_cell_noise(reading.brightness_on_cells))
 
 
 def _largest_changes_of_tiles(reading: Reading) -> tuple[Float[Array, "down across"], Float[Array, "down across"]]:

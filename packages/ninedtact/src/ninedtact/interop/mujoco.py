@@ -52,7 +52,7 @@ HEIGHT_PITCH_MM = 0.2
 
 @dataclass(frozen=True)
 class TactileReading:
-    """What the sensor shows and feels at one moment of the scene."""
+    """Image, wrench and contact of the sensor at one moment of the scene."""
 
     render: Callable[[], BgrImage]
     """Renders the image when it is first asked for."""

@@ -171,8 +171,8 @@ class RecordedSensor:
         self.followed_until_ns = 0
         """Stamp of the last image into which the object has been followed."""
         self._followed = dict[int, FollowedObject]()
-        """What was followed, by the stamps of images."""
-        self._thread = Thread(target=self._measure, name=f"measure {path.name}", daemon=True)
+        """Path, turn and slip of the object in each image, by its stamp."""
+        self._thread = Thread(target=self._measure_and_follow, name=f"measure {path.name}", daemon=True)
         self._thread.start()
 
     def seek(self, at_ns: int, repetition: int = 0) -> None:
@@ -244,24 +244,29 @@ class RecordedSensor:
         inside = (seconds <= 0) & (seconds > -HISTORY_S)
         return np.stack([seconds[inside], curve[inside, 1]])
 
-    def _measure(self) -> None:
+    def _measure_and_follow(self) -> None:
         """Compute the indentation over the recording, then follow the object, in a thread of its own, with a file of its own."""
         try:
             with RecordedReadings(self.path, self.shape) as readings:
-                for reading in self._whole_readings(
-                    readings, range(0, len(readings), -(-len(readings) // CURVE_IMAGES))
-                ):
-                    self._curve.append((reading.stamp_ns, max_indentation_mm(reading.height)))
-                follower = ObjectFollower(is_wanted=True)
-                for reading in self._whole_readings(readings, range(min(len(readings), FOLLOWED_IMAGES))):
-                    follower.add(reading)
-                    self._followed[reading.stamp_ns] = follower.at(reading.stamp_ns)
-                    self.followed_until_ns = reading.stamp_ns
+                self._measure(readings)
+                self._follow(readings)
         except (NinedtactError, OSError, cv2.error):
-            return  # both end before the damage, which is said where the image itself is asked for
+            return  # both end before the damage, which `trouble` describes where the image itself is shown
 
-    def _whole_readings(self, readings: RecordedReadings, numbers: range) -> Iterator[Reading]:
-        """Yield the readings of these numbers until the file is closed."""
+    def _measure(self, readings: RecordedReadings) -> None:
+        every = -(-len(readings) // CURVE_IMAGES)
+        for reading in self._readings_until_closed(readings, range(0, len(readings), every)):
+            self._curve.append((reading.stamp_ns, max_indentation_mm(reading.height)))
+
+    def _follow(self, readings: RecordedReadings) -> None:
+        follower = ObjectFollower(is_wanted=True)
+        for reading in self._readings_until_closed(readings, range(min(len(readings), FOLLOWED_IMAGES))):
+            follower.add(reading)
+            self._followed[reading.stamp_ns] = follower.at(reading.stamp_ns)
+            self.followed_until_ns = reading.stamp_ns
+
+    def _readings_until_closed(self, readings: RecordedReadings, numbers: range) -> Iterator[Reading]:
+        """Yield the readings of these numbers; none any more after `close`."""
         for number in numbers:
             if self._closing.is_set():
                 return

@@ -30,7 +30,7 @@ _UNLIKELY_MM = 0.6
 CONTACT_CENTRE_STD_MM = 0.012
 """Error of the motion of a contact's centre between images, found on simulated sensors."""
 _LEAST_FRICTION = 0.1
-"""Friction of dry things on silicone is above this."""
+"""Friction coefficient that dry objects on silicone exceed."""
 _LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
 """Error of loads between images, found on simulated sensors."""
 
@@ -62,7 +62,7 @@ class ContactTracker:
     """
 
     objects: ObjectTracker = field(default_factory=ObjectTracker)
-    slip: SlipEstimator = field(default_factory=lambda: SlipEstimator(_LEAST_FRICTION))
+    slip: SlipEstimator = field(default_factory=lambda: SlipEstimator(least_friction=_LEAST_FRICTION))
     turning: TurningSlip = field(default_factory=TurningSlip)
     _followed: ContactFollower = field(default_factory=ContactFollower, init=False, repr=False)
     _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
@@ -143,7 +143,9 @@ class ContactTracker:
 
     def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""
-        self._slips = {one.number: self._slips.get(one.number, SlipEstimator(_LEAST_FRICTION)) for one in contacts}
+        self._slips = {
+            one.number: self._slips.get(one.number, SlipEstimator(least_friction=_LEAST_FRICTION)) for one in contacts
+        }
         return tuple(
             SlipEstimate()
             if one.force is None

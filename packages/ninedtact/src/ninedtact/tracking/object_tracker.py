@@ -3,10 +3,11 @@
 Every reading is registered with the last key frame, so that errors do not add up from frame to frame. A new key frame is taken
 where the object has turned or moved so far that the surfaces hardly overlap. Where nothing touches, or the surfaces do not fit, the
 object is lost, and the state says why. When something touches again it is compared with the key frames: if one fits, the path goes
-on, unless it fits after another turn as well; otherwise another path begins. In the same way a turn that the object did not show
-for a while is not known again before no other one fits.
+on, unless it fits after another turn as well; otherwise another path begins. In the same way a turn that could not be seen for a
+while is unknown until no other turn fits.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import radians
@@ -121,19 +122,19 @@ class ObjectTracker:
     def _follow(self, surface: TouchedSurface, doubt: str) -> ObjectMotion:
         if self._current is None:
             return self._recognise(surface)
-        found = self._registered(self._current, surface)
+        found = self._find_motion(self._current, surface)
         reason = _reason_to_reject(found)
         if found is None or reason:
             return self._lose(TrackState.LOST, doubt or reason)
         found = self._with_doubt_of_turn(self._current, found, surface)
-        # What is not seen must not go on as noise once moved it.
+        # Noise turned the object while its turn was not seen: the next guess does not repeat that step.
         before = [] if self._turn_was_lost else self._relative[-1:]
         self._relative = [*before, found.motion]
         return self._accept(self._current, found, surface)
 
-    def _registered(self, key: _KeyFrame, surface: TouchedSurface) -> RegistrationResult | None:
+    def _find_motion(self, key: _KeyFrame, surface: TouchedSurface) -> RegistrationResult | None:
         """Return the motion since a key frame; where the turn gets out of sight, from turns near by, too: it may have been fast."""
-        guess = self._predicted()
+        guess = self._predict_motion()
         found = self.register(key.surface, surface, guess)
         if found is None or found.std[5] < _SEEN_TURN_RAD or self._turn_was_lost:
             return found
@@ -153,7 +154,7 @@ class ObjectTracker:
         self._turn_was_lost = self._turn_was_lost and fits_at_another_turn(self.register, key.surface, surface, found)
         return replace(found, covariance=found.covariance + _NO_TURN) if self._turn_was_lost else found
 
-    def _predicted(self) -> RigidMotion:
+    def _predict_motion(self) -> RigidMotion:
         """Return the motion since the key frame if the last step is repeated."""
         if len(self._relative) < 2:
             return self._relative[-1] if self._relative else RigidMotion()
@@ -184,29 +185,34 @@ class ObjectTracker:
         )
 
     def _use(self, key: _KeyFrame) -> None:
-        # The last two motions are counted from this key frame: the object goes on as it did.
-        self._current, self._relative = (
-            key,
-            [one.after(last.inverse) for one in self._relative for last in self._relative[-1:]],
-        )
+        self._current = key
+        if self._relative:  # They are counted from this key frame from now on.
+            from_last = self._relative[-1].inverse
+            self._relative = [one.after(from_last) for one in self._relative]
         self._turn_was_lost = False
         # The first key frame is kept, because errors are smallest against it.
         self._key_frames = [*self._key_frames[:1], *self._key_frames[1:][-(_MAX_KEY_FRAMES - 2) :], key]
 
     def _recognise(self, surface: TouchedSurface) -> ObjectMotion:
         """Return the motion of an object that touches again, from the key frame that fits best; else the first of a new path."""
-        tried = []
-        for key in self._key_frames:
-            shift = surface.centre_mm - key.surface.centre_mm
-            found = self.register(key.surface, surface, RigidMotion(translation_mm=shift))
-            if found is not None and not _reason_to_reject(found):
-                tried.append((found.rms_mm / found.overlap, key, found))
-        if tried:
-            _, key, found = min(tried, key=lambda one: one[0])
+        fits = list(self._fits_to_key_frames(surface))
+        if fits:
+            key, found = min(fits, key=lambda fit: fit[1].rms_mm / fit[1].overlap)
             is_seen = found.std[5] < _SEEN_TURN_RAD
             if not is_seen or not fits_at_another_turn(self.register, key.surface, surface, found):
                 self._current, self._relative, self._turn_was_lost = key, [found.motion], not is_seen
                 return self._accept(key, found, surface)
+        return self._begin_path(surface)
+
+    def _fits_to_key_frames(self, surface: TouchedSurface) -> Iterator[tuple[_KeyFrame, RegistrationResult]]:
+        """Yield the key frames that a surface fits, with its motion since each."""
+        for key in self._key_frames:
+            shift = surface.centre_mm - key.surface.centre_mm
+            found = self.register(key.surface, surface, RigidMotion(translation_mm=shift))
+            if found is not None and not _reason_to_reject(found):
+                yield key, found
+
+    def _begin_path(self, surface: TouchedSurface) -> ObjectMotion:
         self.path += 1
         self._origin_mm, self._key_frames = surface.centre_mm, []
         self._use(_KeyFrame(surface, RigidMotion(), np.zeros((6, 6))))

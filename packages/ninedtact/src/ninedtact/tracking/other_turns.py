@@ -12,14 +12,15 @@ from ninedtact.tracking.touched_surface import TouchedSurface
 
 _ANGLES_RAD = np.radians(np.arange(10, 351, 5))
 _FAR_MM = 0.1
-"""Distance beyond which points do not fit, whatever it is."""
+"""Distance from which points count as not fitting; a larger one counts no more."""
 _TRIED = 3
 """Number of the best turns from which the surface is registered."""
 _OTHER_RAD = np.radians(8)
+"""Difference of two turns from which they are not the same one."""
 _WORSE = 1.5
-"""Distance of the surfaces over that at the turn that was found, from which another turn fits worse."""
+"""Ratio of the distance of the surfaces to that at the turn that was found, above which another turn fits worse."""
 _LESS = 0.9
-"""The same of the overlap."""
+"""Ratio of the overlaps below which it does, too."""
 
 
 def fits_at_another_turn(
@@ -31,7 +32,7 @@ def fits_at_another_turn(
     beside = np.pad(misfits, 1, constant_values=np.inf)
     minima = np.flatnonzero((misfits <= beside[:-2]) & (misfits <= beside[2:]))
     best = minima[np.argsort(misfits[minima])][:_TRIED]
-    return any(_is_another(register(earlier, later, turned[number]), found) for number in best)
+    return any(_fits_as_well(register(earlier, later, turned[number]), found) for number in best)
 
 
 def _turned(found: RegistrationResult, angle_rad: float) -> RigidMotion:
@@ -43,7 +44,8 @@ def _misfit(register: Registration, earlier: TouchedSurface, later: TouchedSurfa
     return float(np.where(both > 0.5, np.minimum(np.abs(distance), _FAR_MM), _FAR_MM).mean())
 
 
-def _is_another(other: RegistrationResult | None, found: RegistrationResult) -> bool:
+def _fits_as_well(other: RegistrationResult | None, found: RegistrationResult) -> bool:
+    """Return whether a registration ended at another turn, and fits there."""
     limit_mm = _WORSE * max(found.rms_mm, LEAST_DISTANCE_MM)
     if other is None or other.rms_mm > limit_mm or other.overlap < _LESS * found.overlap:
         return False

@@ -57,7 +57,7 @@ _SEARCHED, _CLAIMED = 0.5, 0.7
 """Shares of the information about a direction that must not be noise for it to be searched, and for what is found to be claimed."""
 _PRIOR_MM, PRIOR_RAD = 5.0, 2.0
 """Standard deviation of a motion that is not seen: as large as the skin, and any angle."""
-_UPRIGHT, _UPRIGHT_RAD = np.array([1, 1, 1, 0, 0, 1]), radians(1)
+_UPRIGHT, _UPRIGHT_RAD = np.array([1.0, 1, 1, 0, 0, 1]), radians(1)
 """One for each direction in which an object that does not tilt may move; standard deviation of what it tilts all the same."""
 
 
@@ -135,38 +135,77 @@ class Registration:
         self, earlier: TouchedSurface, later: TouchedSurface, guess: RigidMotion = RigidMotion()
     ) -> RegistrationResult | None:
         """Return the motion from one surface to the next, from a guess near by; None where they do not overlap."""
-        motion, dragged_mm = guess, np.zeros(len(earlier.points_mm))
+        motion, dragged_mm, iteration = guess, np.zeros(len(earlier.points_mm)), 0
+        while (linear := self._linearise(earlier, later, motion, dragged_mm)) is not None:
+            step = linear.step
+            dragged_mm = earlier.smooth_fields @ linear.fit.coefficients_after(step)
+            motion = motion.perturbed(motion(earlier.centre_mm), step / linear.scale)
+            if self.ends(iteration, step) or iteration + 1 == _MAX_ITERATIONS:
+                return _result(earlier, motion, linear)
+            iteration += 1
+        return None
+
+    def _linearise(
+        self, earlier: TouchedSurface, later: TouchedSurface, motion: RigidMotion, dragged_mm: Float[Array, " n"]
+    ) -> "_Linearisation | None":
+        """Return the problem about a motion and heights of dragged skin; None where the surfaces do not overlap."""
+        distance, derivative, both, lever = self.residual(earlier, later, motion)
+        weight = self.weights(distance - dragged_mm, both)
+        if weight.sum() * earlier.point_area_mm2 < _MIN_AREA_MM2:
+            return None
         radius_mm = _radius_of_gyration(earlier)
-        scale = np.array([1, 1, 1, radius_mm, radius_mm, radius_mm])  # all six in mm at the rim
+        scale = np.array([1, 1, 1, radius_mm, radius_mm, radius_mm])
         free = _UPRIGHT if self.is_upright else np.ones(6)
-        for iteration in range(_MAX_ITERATIONS):
-            distance, derivative, both, lever = self.residual(earlier, later, motion)
-            weight = self.weights(distance - dragged_mm, both)
-            if weight.sum() * earlier.point_area_mm2 < _MIN_AREA_MM2:
-                return None
-            rms_mm = float(np.sqrt(weight @ (distance - dragged_mm) ** 2 / weight.sum()))
-            # A poor guess makes distances large, which is not noise.
-            error_mm = float(np.clip(rms_mm, LEAST_DISTANCE_MM, _MOST_NOISE_MM))
-            stiffness = _variance_of_point(error_mm, earlier) / _DRAGGED_MM**2
-            fit = _fit_motion_and_fields(distance, derivative * free / scale, earlier.smooth_fields, weight, stiffness)
-            noise = _information_of_noise(weight, lever, error_mm) * np.outer(free / scale, free / scale)
-            values, directions = np.linalg.eigh(fit.information)
-            signal = values - np.einsum("ij,ik,kj->j", directions, noise, directions)
-            is_seen = signal > _SEARCHED * values
-            step = directions @ np.where(is_seen, -(directions.T @ fit.gradient) / np.maximum(values, 1e-12), 0)
-            dragged_mm = earlier.smooth_fields @ fit.coefficients_after(step)
-            motion = motion.perturbed(motion(earlier.centre_mm), step / scale)
-            if self.ends(iteration, step):
-                break
+        rms_mm = float(np.sqrt(weight @ (distance - dragged_mm) ** 2 / weight.sum()))
+        # A poor guess makes distances large, which is not noise.
+        error_mm = float(np.clip(rms_mm, LEAST_DISTANCE_MM, _MOST_NOISE_MM))
+        stiffness = _variance_of_point(error_mm, earlier) / _DRAGGED_MM**2
+        fit = _fit_motion_and_fields(distance, derivative * free / scale, earlier.smooth_fields, weight, stiffness)
+        noise = _information_of_noise(weight, lever, error_mm) * np.outer(free / scale, free / scale)
+        values, directions = np.linalg.eigh(fit.information)
+        signal = values - np.einsum("ij,ik,kj->j", directions, noise, directions)
+        return _Linearisation(fit, scale, free, values, directions, signal, float((both > 0.5).mean()), rms_mm)
+
+
+@dataclass(frozen=True)
+class _Linearisation:
+    """The least squares about one motion, and how much of its information is not noise."""
+
+    fit: "_Fit"
+    scale: Float[Array, "6"]
+    """Divides a step to give mm and rad: all six parts of a step are mm at the rim of the surface."""
+    free: Float[Array, "6"]
+    """One for each part of the motion that is free, zero for a tilt that is taken not to be."""
+    values: Float[Array, "6"]
+    """Information about each direction: eigenvalues."""
+    directions: Float[Array, "6 6"]
+    """Eigenvectors, as columns."""
+    signal: Float[Array, "6"]
+    """The information without the share of noise."""
+    overlap: float
+    rms_mm: float
+
+    @property
+    def step(self) -> Float[Array, "6"]:
+        """The Gauss–Newton step along the directions that are searched."""
+        along = -(self.directions.T @ self.fit.gradient) / np.maximum(self.values, 1e-12)
+        return np.asarray(self.directions @ np.where(self.signal > _SEARCHED * self.values, along, 0))
+
+    def covariance(self, variance_mm2: float) -> Covariance:
+        """Return the covariance of the motion for a variance of one point; the prior's for what is not seen."""
+        signal = np.where(self.signal > _CLAIMED * self.values, self.signal / variance_mm2, 0)
+        free, radius_mm = self.free, self.scale[5]
         prior = free * ([_PRIOR_MM] * 3 + [PRIOR_RAD * radius_mm] * 3) + (1 - free) * _UPRIGHT_RAD * radius_mm
-        signal = np.where(
-            signal > _CLAIMED * values, signal / _variance_of_point(max(rms_mm, LEAST_DISTANCE_MM), earlier), 0
-        )
-        known = directions * signal @ directions.T
-        covariance = np.linalg.inv(known + np.diag(prior**-2)) / np.outer(scale, scale)
-        centre_mm, overlap = motion(earlier.centre_mm), float((both > 0.5).mean())
-        covariance += np.diag(_systematic_variance(motion, centre_mm - earlier.centre_mm))
-        return RegistrationResult(motion, covariance, centre_mm, overlap, rms_mm)
+        known = self.directions * signal @ self.directions.T
+        return np.asarray(np.linalg.inv(known + np.diag(prior**-2)) / np.outer(self.scale, self.scale))
+
+
+def _result(earlier: TouchedSurface, motion: RigidMotion, linear: _Linearisation) -> RegistrationResult:
+    """Return the result of a search that ended at a motion, one step after the last linearisation."""
+    centre_mm = motion(earlier.centre_mm)
+    systematic = np.diag(_systematic_variance(motion, centre_mm - earlier.centre_mm))
+    covariance = linear.covariance(_variance_of_point(max(linear.rms_mm, LEAST_DISTANCE_MM), earlier)) + systematic
+    return RegistrationResult(motion, covariance, centre_mm, linear.overlap, linear.rms_mm)
 
 
 def _variance_of_point(error_mm: float, surface: TouchedSurface) -> float:
@@ -202,13 +241,13 @@ def _fit_motion_and_fields(
     stiffness: float,
 ) -> _Fit:
     """Return the least squares of distance + derivative·step − fields·coefficients, with the stiffness on each coefficient."""
-    weighted = fields * weight[:, None]
-    of_fields = weighted.T @ fields + stiffness * np.eye(fields.shape[1])
-    both = weighted.T @ np.column_stack([distance, derivative])
-    solved = np.linalg.solve(of_fields, both)
-    pulled = derivative * weight[:, None]
-    information = pulled.T @ derivative - both[:, 1:].T @ solved[:, 1:]
-    return _Fit(information, pulled.T @ distance - both[:, 1:].T @ solved[:, 0], solved[:, 0], solved[:, 1:])
+    weighted_fields, weighted_derivative = fields * weight[:, None], derivative * weight[:, None]
+    information_of_fields = weighted_fields.T @ fields + stiffness * np.eye(fields.shape[1])
+    right_sides = weighted_fields.T @ np.column_stack([distance, derivative])
+    solved = np.linalg.solve(information_of_fields, right_sides)
+    at_rest, by_step, coupling = solved[:, 0], solved[:, 1:], right_sides[:, 1:]
+    information = weighted_derivative.T @ derivative - coupling.T @ by_step
+    return _Fit(information, weighted_derivative.T @ distance - coupling.T @ at_rest, at_rest, by_step)
 
 
 def _radius_of_gyration(surface: TouchedSurface) -> float:

@@ -90,8 +90,8 @@ class SlipEstimator:
     """
 
     least_friction: float = 0.0
-    """Ratio of tangential and normal load below which nothing slides: what moves then, as the contact of an object that rolls, is
-    not the object on the skin. Zero where the ratio is not known."""
+    """Ratio of tangential to normal load below which an object cannot slide; a contact that moves then belongs to one that rolls.
+    Zero where this ratio is not known."""
     _last: SlipEstimate = field(default_factory=SlipEstimate, init=False, repr=False)
     _history: deque[SlipSample] = field(default_factory=deque, init=False, repr=False)
     """Samples of the last moments."""
@@ -156,9 +156,9 @@ class SlipEstimator:
             )
         springs, share = self._springs, self._springs.share
         velocity = _slip_velocity(self._history, springs.stiffness)
-        holds = float(np.linalg.norm(sample.tangential)) < self.least_friction * sample.normal
-        p_gross = float((springs.weight * (share < _STUCK_SHARE)).sum()) if velocity.any() and not holds else 0.0
-        p_incipient = 0.0 if holds else float((springs.weight * (share < INCIPIENT_SHARE)).sum()) - p_gross
+        is_held = float(np.linalg.norm(sample.tangential)) < self.least_friction * sample.normal
+        p_gross = float((springs.weight * (share < _STUCK_SHARE)).sum()) if velocity.any() and not is_held else 0.0
+        p_incipient = 0.0 if is_held else float((springs.weight * (share < INCIPIENT_SHARE)).sum()) - p_gross
         state = SlipState.STATIC
         if p_gross > 0.5:
             state = SlipState.GROSS

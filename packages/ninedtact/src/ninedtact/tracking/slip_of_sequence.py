@@ -40,19 +40,33 @@ def slip_of_sequence(samples: Sequence[SlipSample]) -> list[SlipEstimate]:
     is_touching = np.isfinite(values).all(axis=1) & (values[:, 4] > 0)
     if not is_touching.any():
         return [SlipEstimate() for _ in samples]
+    estimator, smoothed = SlipEstimator(), _smooth_samples(samples, values, is_touching)
+    for _ in range(_PASSES):
+        found = [estimator.release() if one.normal <= 0 else estimator.update(one) for one in smoothed]
+        estimator.release()
+    return found
+
+
+def _smooth_samples(
+    samples: Sequence[SlipSample], values: Float[Array, "n 5"], is_touching: Bool[Array, " n"]
+) -> list[SlipSample]:
+    """Return the samples smoothed within each contact, with the errors that are left.
+
+    values: displacement, tangential and normal load of each sample.
+    """
     firm = is_touching & (values[:, 4] > _FIRM * values[is_touching, 4].max())
     displacement_noise, load_noise = (
-        noise_by_second_differences(part, 0) for part in (values[firm, :2], values[firm, 2:4])
+        noise_by_second_differences(values[firm, at], 0) for at in (slice(2), slice(2, 4))
     )
-    least_load = _LEAST_RELATIVE_LOAD_STD * float(np.median(values[firm, 4]))
-    runs = list(_runs(is_touching))
     scale = np.maximum([displacement_noise] * 2 + [load_noise] * 2, 1e-9)
+    runs, smooth = list(_contact_runs(is_touching)), values.copy()
     images, left = _choose_smoothing(values[:, :4] / scale, runs)
     for run in runs:
-        values[run] = _smooth(values[run], images)
+        smooth[run] = _smooth(values[run], images)
+    least_load_std = _LEAST_RELATIVE_LOAD_STD * float(np.median(values[firm, 4]))
     displacement_std = max(_NOISE_PART * left * displacement_noise, _LEAST_DISPLACEMENT_STD)
-    load_std = max(_NOISE_PART * left * load_noise, least_load)
-    smooth = [
+    load_std = max(_NOISE_PART * left * load_noise, least_load_std)
+    return [
         replace(
             sample,
             displacement=row[:2],
@@ -61,16 +75,11 @@ def slip_of_sequence(samples: Sequence[SlipSample]) -> list[SlipEstimate]:
             displacement_std=displacement_std,
             load_std=load_std,
         )
-        for sample, row, touches in zip(samples, values, is_touching, strict=True)
+        for sample, row, touches in zip(samples, smooth, is_touching, strict=True)
     ]
-    estimator = SlipEstimator()
-    for _ in range(_PASSES):
-        found = [estimator.release() if one.normal <= 0 else estimator.update(one) for one in smooth]
-        estimator.release()
-    return found
 
 
-def _runs(is_touching: Bool[Array, " n"]) -> Iterator[Int[Array, " run"]]:
+def _contact_runs(is_touching: Bool[Array, " n"]) -> Iterator[Int[Array, " run"]]:
     """Yield the indices of every contact."""
     at = np.flatnonzero(is_touching)
     yield from np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)

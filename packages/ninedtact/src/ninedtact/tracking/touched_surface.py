@@ -10,7 +10,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.quantities import HeightMap, HeightSource, centred_axis_mm
@@ -92,25 +92,39 @@ def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]
     contact: the pixels at which an object holds the skin (`Reading.contact`).
     """
     px = height.mm_per_px
-    beside = 2 * max(round(BESIDE_MM / px), 1) + 1
-    measured = cv2.erode((height.source == HeightSource.MEASURED.value).astype(np.uint8), np.ones((3, 3), np.uint8))
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (beside, beside))
-    shaped = cv2.bitwise_and(measured, cv2.dilate(contact.astype(np.uint8), disc))
-    every = max(round(_POINT_PITCH_MM / px), 1)
-    rows, cols = (number * every for number in np.nonzero(shaped[::every, ::every]))
+    shaped = _shaped_pixels(height, contact)
+    every_pixel = max(round(_POINT_PITCH_MM / px), 1)
+    rows, cols = (number * every_pixel for number in np.nonzero(shaped[::every_pixel, ::every_pixel]))
     if len(rows) < _MIN_POINTS:
         return None
     every_point = -(-len(rows) // _MAX_POINTS)
     rows, cols = rows[::every_point], cols[::every_point]
-    z_mm = cv2.GaussianBlur(height.z_mm, (0, 0), SMOOTHING_MM / px)
+    smoothed = replace(height, z_mm=cv2.GaussianBlur(height.z_mm, (0, 0), SMOOTHING_MM / px))
+    return TouchedSurface(
+        smoothed.z_mm,
+        *_slopes(smoothed),
+        shaped.astype(np.float32),
+        px,
+        height.camera_distance_mm,
+        smoothed.points_at(rows, cols),
+        (every_pixel * px) ** 2 * every_point,
+        ~contact[rows, cols],
+    )
+
+
+def _shaped_pixels(height: HeightMap, contact: Bool[Array, "rows cols"]) -> UInt8[Array, "rows cols"]:
+    """Return one where the skin is measured and is held by an object or beside it, zero elsewhere."""
+    beside_px = 2 * max(round(BESIDE_MM / height.mm_per_px), 1) + 1
+    measured = cv2.erode((height.source == HeightSource.MEASURED.value).astype(np.uint8), np.ones((3, 3), np.uint8))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (beside_px, beside_px))
+    return np.asarray(cv2.bitwise_and(measured, cv2.dilate(contact.astype(np.uint8), disc)))
+
+
+def _slopes(height: HeightMap) -> tuple[Float32[Array, "rows cols"], Float32[Array, "rows cols"]]:
+    """Return the slopes of the skin along x and y."""
+    z_mm, px = height.z_mm, height.mm_per_px
     u, v = (centred_axis_mm(side, px) for side in z_mm.shape[::-1])
     along_u, along_v = (cv2.Sobel(z_mm, cv2.CV_32F, *order, ksize=3, scale=1 / (8 * px)) for order in ((1, 0), (0, 1)))
-    distance_mm = height.camera_distance_mm
     # Pixels are lines of sight, which meet deep skin closer together (shape.surface).
-    spread = 1 + (z_mm + u * along_u + v[:, None] * along_v) / distance_mm
-    points_mm = replace(height, z_mm=z_mm).points_at(rows, cols)
-    area_mm2 = (every * px) ** 2 * every_point
-    slope_x, slope_y = (np.asarray(along / spread, np.float32) for along in (along_u, along_v))
-    return TouchedSurface(
-        z_mm, slope_x, slope_y, shaped.astype(np.float32), px, distance_mm, points_mm, area_mm2, ~contact[rows, cols]
-    )
+    spread = 1 + (z_mm + u * along_u + v[:, None] * along_v) / height.camera_distance_mm
+    return np.asarray(along_u / spread, np.float32), np.asarray(along_v / spread, np.float32)

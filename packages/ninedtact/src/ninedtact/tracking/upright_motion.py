@@ -93,25 +93,31 @@ class UprightTracker:
 
     def update(self, reading: Reading) -> UprightMotion:
         """Return where the object is in the next reading."""
-        motion, before = self.objects.update(reading), self._motion
+        motion = self.objects.update(reading)
         if reading.image_warnings:
             return UprightMotion(TrackState.LOST, str(reading.image_warnings[0]))
         if reading.force is None:
             return UprightMotion(TrackState.LOST, "no force estimate")
         traction = reading.force.traction
-        dent, last = None if traction is None else _find_dent(traction), self._dent
+        dent = None if traction is None else _find_dent(traction)
         if dent is None:
-            self._dent, self._motion = None, None
-            return UprightMotion(TrackState.NO_CONTACT, ends_path=True)
+            return self._end_path(TrackState.NO_CONTACT)
         after_s, self._stamp_ns = (reading.stamp_ns - self._stamp_ns) / 1e9, reading.stamp_ns
-        if last is None:
+        if self._dent is not None and (reason := self._reason_to_begin_anew(self._dent, dent, after_s)):
+            return self._end_path(TrackState.LOST, reason)
+        return self._follow(dent, motion)
+
+    def _end_path(self, state: TrackState, reason: str = "") -> UprightMotion:
+        self._dent, self._motion = None, None
+        return UprightMotion(state, reason, ends_path=True)
+
+    def _follow(self, dent: _Dent, motion: ObjectMotion) -> UprightMotion:
+        """Return the displacement to this dent: from the one before, or the first of a path."""
+        if self._dent is None:
             self._moved_mm, self._variance_mm2, self._step_mm = np.zeros(2), np.zeros(2), np.zeros(2)
-        elif reason := self._doubt(last, dent, after_s):
-            self._dent, self._motion = None, None
-            return UprightMotion(TrackState.LOST, reason, ends_path=True)
         else:
-            self._step_mm = dent.centre_mm - last.centre_mm
-            self._add_step(self._step_mm, before, motion)
+            self._step_mm = dent.centre_mm - self._dent.centre_mm
+            self._add_step(self._step_mm, self._motion, motion)
         if dent.reaches_border:
             self._variance_mm2 = np.maximum(self._variance_mm2, _UNSEEN_STD_MM**2)
         self._dent, self._motion = dent, motion
@@ -119,7 +125,7 @@ class UprightTracker:
         yaw = (motion.motion.yaw_rad, float(motion.std[5])) if motion.is_known else (np.nan, _UNSEEN_RAD)
         return UprightMotion(TrackState.TRACKED, "", self._moved_mm, std_mm, *yaw)
 
-    def _doubt(self, last: _Dent, dent: _Dent, after_s: float) -> str:
+    def _reason_to_begin_anew(self, last: _Dent, dent: _Dent, after_s: float) -> str:
         """Return why two successive dents are not of one object; empty where they may be."""
         if dent.likeness_to(last) < _LEAST_LIKENESS:
             return "the contact is unlike that of the image before"
