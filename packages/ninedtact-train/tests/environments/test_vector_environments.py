@@ -18,7 +18,12 @@ from ninedtact_train.environments.edge_following_environment import EdgeFollowin
 from ninedtact_train.environments.vector_environment import TactileVectorEnvironment  # noqa: E402
 
 TWIN = replace(default_twin(), pitch_mm=0.5)
-pytestmark = [pytest.mark.interop, pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning")]
+pytestmark = [
+    pytest.mark.interop,
+    pytest.mark.filterwarnings("ignore:.*Box observation space:UserWarning"),
+    # Arithmetic of torch's tensors with NumPy's arrays, which would fail on a GPU.
+    pytest.mark.filterwarnings("error:__array_wrap__:DeprecationWarning"),
+]
 
 
 def edge(many: int, **options: Any) -> TactileVectorEnvironment:

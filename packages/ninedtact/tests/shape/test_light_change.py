@@ -12,6 +12,7 @@ from ninedtact.quantities import EstimateWarning, Frame, Rectified
 from ninedtact.reading import read_frame
 from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.shape.light_change import LightCorrection
+from ninedtact.shape.light_gradient import _fit_gradient, find_light_gradient
 
 ROWS, COLS, MM_PER_PX = 345, 460, 0.052
 RAW_ROWS, RAW_COLS = 480, 640
@@ -96,6 +97,19 @@ def test_light_of_second_order_is_even_again_also_beside_a_press(
     left = float(np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 10)).max())
     assert left < 0.012 and change.warnings == (EstimateWarning.LIGHT_CHANGED,)
     assert change.gamma != 1 if change.gradient is None else left < 4 * change.gradient.error
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_gradient_that_the_skin_does_not_determine_is_not_known() -> None:
+    steps = np.ones((44, 36), np.float32)
+    steps[:, 18:] = 1.05
+    in_view = np.zeros(steps.shape, bool)
+    in_view[1::2] = True
+    assert find_light_gradient(steps, 100 * steps, in_view, 0.4) is None, "every second row is used"
+    logarithm, skin = np.zeros((44, 36), np.float32), np.zeros((44, 36), bool)
+    skin[20] = skin[5:35:10, 3] = True
+    logarithm[5:35:10, 3] = 1.0, -1.0, 1.0
+    assert _fit_gradient(logarithm, skin, 3) is None, "all but outliers lie on a line"
 
 
 @given(st.floats(3, 16), st.floats(0.15, 0.7), st.integers(40, 420), st.integers(40, 300), st.booleans())

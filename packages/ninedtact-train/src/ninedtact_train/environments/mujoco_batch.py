@@ -199,8 +199,7 @@ class TactileSensorBatch:
         clean: list[Any] = [renderer.reference] * len(contacts)
         if touched:
             batch = Contact.stack([contact for number in touched if (contact := contacts[number]) is not None])
-            heights = self._twin(self.twin.friction).model.skin.asarray(np.asarray(batch.height_mm))
-            images = self._batch_renderer.images(replace(batch, height_mm=heights))
+            images = self._batch_renderer.images(batch.on_skin(self._twin(self.twin.friction).model.skin))
             for number, image in zip(touched, np.asarray(to_device(images, "cpu"), np.float32), strict=True):
                 clean[number] = image
         return [renderer.noise.add_to(image, number) for image, number in zip(clean, numbers, strict=True)]

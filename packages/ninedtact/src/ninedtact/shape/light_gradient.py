@@ -105,7 +105,7 @@ def find_light_gradient(ratio: Cells, reference: Cells, seen: CellMask, cell_mm:
     where a gamma explains the change nearly as well: it follows the brightness, which falls towards the border of the view.
     """
     few = (slice(None, None, _EVERY_CELL),) * 2
-    if min(ratio[few].shape) < _PARTS:
+    if min(ratio[few].shape) < _PARTS or not seen[few].any():
         return None
     medians = _medians_of_parts(ratio[few])
     if medians.max() - medians.min() < _MIN_DIFFERENCE:
@@ -188,22 +188,29 @@ def _undisplaced_skin(flat: CellMask, seen: CellMask, cell_mm: float, reach_mm: 
 def _fit_gradient(logarithm: Cells, skin: CellMask, terms: int) -> LightGradient | None:
     """Return the gradient fitted to this skin, with less weight on outliers; None where this skin does not determine it."""
     everywhere, values = _polynomials(*logarithm.shape)[:terms], logarithm[skin]
-    basis = everywhere[:, skin]
-    if np.linalg.eigvalsh(basis @ basis.T)[0] < _MIN_EIGENVALUE:
-        return None
-    weighted = basis
+    weighted = basis = everywhere[:, skin]
+    normal = basis @ basis.T
     for _ in range(_ROUNDS):
-        coefficients = np.linalg.solve(weighted @ basis.T, weighted @ values)
+        if _is_singular(normal):
+            return None
+        coefficients = np.linalg.solve(normal, weighted @ values)
         deviation = np.abs(values - coefficients @ basis)
         typical = np.median(deviation)
         weighted = basis / (1 + (deviation / (2 * typical + np.float32(1e-6))) ** 2)
-    root = np.linalg.cholesky(np.linalg.inv((weighted @ basis.T).astype(float)))
+        normal = weighted @ basis.T
+    if _is_singular(normal):
+        return None
+    root = np.linalg.cholesky(np.linalg.inv(normal.astype(float)))
     leverage = np.square(root.T @ everywhere.reshape(terms, -1)).sum(axis=0).max()
     return LightGradient(
         tuple(coefficients[1:].tolist()),
         float(np.exp(coefficients[0])),
         float(np.hypot(_MIN_ERROR, _CORRELATION * typical * np.sqrt(leverage))),
     )
+
+
+def _is_singular(normal: Float32[Array, "terms terms"]) -> bool:
+    return bool(np.linalg.eigvalsh(normal)[0] < _MIN_EIGENVALUE)
 
 
 def find_flat_skin(ratio: Cells, seen: CellMask, cell_mm: float) -> CellMask:
