@@ -30,7 +30,7 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import Twin
-from ninedtact.tracking import ContactTracker, SlipEstimator, SlipSample, SlipState, TrackedContacts
+from ninedtact.tracking import ContactTracker, SlipEstimate, SlipEstimator, SlipSample, SlipState
 from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
 
 SENSORS, HELD_OUT = ("sensor_a", "sensor_i"), ("L", "P", "R")
@@ -58,8 +58,7 @@ class Step:
     """One image: the truth, and what was found."""
 
     truth: TrueSlip
-    found: TrackedContacts
-    force_n: np.ndarray
+    found: SlipEstimate
     slid_mm: float
     """Distance that the object has slid on the skin since the last gross slip began."""
     found_in_s: float
@@ -96,10 +95,9 @@ def follow(rig: Rig, indenter: Indenter, settings: MotionSettings, kind: str) ->
         truth = step.slip
         slid_mm = slid_mm + truth.speed_mm_s / HZ if truth.state == SlipState.GROSS else 0.0
         reading = rig.read(step.press, number)
-        force_n = np.zeros(3) if reading.wrench is None else reading.wrench.force_n
         began = process_time()
-        found = tracker.update(reading)
-        yield Step(truth, found, force_n, slid_mm, process_time() - began)
+        found = tracker.update(reading).slip
+        yield Step(truth, found, slid_mm, process_time() - began)
 
 
 @dataclass(frozen=True)
@@ -251,7 +249,7 @@ def onsets(steps: Sequence[Step]) -> list[Onset]:
 
 def states_of(step: Step) -> tuple[SlipState, SlipState]:
     """Return the true state and the state that was found."""
-    return SlipState(step.truth.state), step.found.slip.state
+    return SlipState(step.truth.state), step.found.state
 
 
 def confusion(sequences: Sequence[Sequence[Step]]) -> np.ndarray:
@@ -274,8 +272,8 @@ def friction_error(steps: Sequence[Step], friction: float) -> float | None:
     after_mm = 0.0
     for step in steps:
         after_mm += step.truth.speed_mm_s / HZ if step.truth.state == SlipState.GROSS else 0.0
-        if after_mm > 2 and np.isfinite(step.found.slip.friction):
-            return step.found.slip.friction / friction - 1
+        if after_mm > 2 and np.isfinite(step.found.friction):
+            return step.found.friction / friction - 1
     return None
 
 
