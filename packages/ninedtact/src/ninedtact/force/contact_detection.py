@@ -98,7 +98,7 @@ SMOOTHING_RESIDUE = 0.8
 """Standard deviation that white noise of one keeps when its mean over 3 x 3 cells, weighted 1 2 1, is subtracted."""
 _TILES = 3, 4
 """Tiles in which the noise of a stream is measured."""
-_MAX_SMOOTH_NOISE = 2.0
+_MAX_SMOOTH_NOISE = 1.0
 """Largest noise of a tile after smoothing over that of one cell. It is at most 0.6 for JPEG of quality 40 and better; wide objects
 have 4 to 25."""
 _DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
