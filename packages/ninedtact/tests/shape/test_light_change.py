@@ -89,12 +89,13 @@ def test_a_gradient_is_taken_out_beside_a_press_and_named(amplitude: float, towa
 def test_light_of_second_order_is_even_again_also_beside_a_press(
     amplitude: float, along: float, skew: float, across: float, dimmer: bool, grey: np.ndarray
 ) -> None:
-    """By a gradient, or by the gamma that does the same to a skin whose brightness is of second order."""
+    """By a gradient, or by the gamma that does the same to a skin whose brightness is of second order, but not to a dent in it."""
     x, y = ACROSS / (COLS / 2) - 1, ALONG / (ROWS / 2) - 1
     light = x**2 + along * y**2 + skew * x * y + across * x
     light *= (-1 if dimmer else 1) * 2 * amplitude / np.ptp(light)
     corrected, change = CORRECT(noisy(grey * np.exp(light).astype(np.float32)), REFERENCE)
-    left = float(np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 10)).max())
+    compared = DENT < 0.01 if change.gradient is None else np.full(grey.shape, True)
+    left = float(np.abs(cv2.GaussianBlur(corrected.grey / grey - 1, (0, 0), 10))[compared].max())
     assert left < 0.012 and change.warnings == (EstimateWarning.LIGHT_CHANGED,)
     assert change.gamma != 1 if change.gradient is None else left < 4 * change.gradient.error
 

@@ -112,7 +112,7 @@ class LightChange:
     @property
     def _has_level_changed(self) -> bool:
         is_unknown = not self.is_level_known and abs(self.level - 1) >= 3 * _REPORTED_GAIN_CHANGE
-        return abs(self.gain - 1) >= _REPORTED_GAIN_CHANGE or is_unknown
+        return abs(self.gain - 1) >= _REPORTED_GAIN_CHANGE or self.gamma != 1 or is_unknown
 
     @property
     def sentences(self) -> tuple[str, ...]:
