@@ -17,7 +17,7 @@ from ninedtact.reading import read_frame
 from ninedtact.simulation.twin import default_twin
 from ninedtact_train.batched.depth_reading import BatchedDepthReader
 from ninedtact_train.batched.force_by_physics import BatchedPhysics
-from ninedtact_train.batched.traction_inversion import _solve
+from ninedtact_train.batched.linearised_problem import solve_nonnegative_qps
 
 TWIN = replace(default_twin(), pitch_mm=0.4)
 PRESSES = (
@@ -68,7 +68,7 @@ def test_wrenches_are_those_of_each_image_alone(physical_sensor: SensorFolder, i
 def test_a_programme_without_a_minimum_does_not_count_as_converged() -> None:
     curvature = torch.stack([torch.eye(3), torch.diag(torch.tensor([1.0, -1.0, 1.0]))]).double()
     target, free = torch.ones(2, 3, dtype=torch.float64), torch.ones(2, 3, dtype=torch.bool)
-    solution = _solve(curvature, target, free, bounded=2, stop_early=True)
+    solution = solve_nonnegative_qps(curvature, target, free, bounded=2, stop_early=True)
     assert solution.converged.tolist() == [True, False]
     assert solution.x[0].tolist() == [1.0, 1.0, 1.0]
 

@@ -1,6 +1,6 @@
 """Many images of one calibrated sensor at once → their wrenches by physics, with errors, as torch tensors on the images' device.
 
-Each wrench is what the sensor's own estimator (`TractionForce`) computes from that image alone, to 1e-4 of the load, so that a
+Each wrench is what the sensor's own estimator (`TractionForce`) computes from that image alone, to 1e-3 of the load, so that a
 policy is trained on what the real sensor will estimate. Images that cannot be a press on this sensor are not recognised here.
 """
 

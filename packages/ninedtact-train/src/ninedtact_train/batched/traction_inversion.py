@@ -3,7 +3,7 @@
 Each result is that of `TractionInversion` without a previous image (docs/force_physics.md). Contacts have different numbers of
 cells and of shear modes. Each is padded to the size of its batch with unknowns that have no effect and are zero in the solution.
 Unknowns that are held at zero are treated in the same way. The schedule on a GPU is fixed: every iteration exchanges bounded
-unknowns `_EXCHANGES` times, and the processor waits for the device once per iteration, to find which contacts have converged.
+unknowns a fixed number of times, and the processor waits for the device once per iteration, to find which contacts have converged.
 """
 
 from collections.abc import Iterator
@@ -19,18 +19,19 @@ from ninedtact.force.traction import traction_from_brightness as single
 from ninedtact.force.traction.brightness_from_traction import DeformedSkin, ForwardModel, influence_kernel
 from ninedtact.force.traction.observation import BrightnessLaw
 from ninedtact_train.batched.contact_cells import BatchedObservation, Numbers, Views, smoothed
+from ninedtact_train.batched.linearised_problem import (
+    BatchedProblem,
+    BatchedWhitener,
+    SkinFields,
+    Tractions,
+    solve_nonnegative_qps,
+)
 
-_EXCHANGES = 6
-"""Largest number of exchanges of bounded unknowns in each iteration; the inversion of one image takes one to five. Unknowns that
-are then still on the wrong side are exchanged in the next iteration."""
 _MODES_STEP, _CELLS_STEP = 8, 32
 """Numbers of modes and of cells are rounded up to multiples of these, so that few sizes occur."""
 _LARGEST_BATCH, _LARGEST_GPU_BATCH = 1 << 20, 1 << 26
 """Largest number of values in the influences of the cells of a batch: what fits into the processor's cache, and what fills a
 GPU."""
-
-SkinFields = Float32[torch.Tensor, "batch skin_rows skin_cols"]
-Tractions = Float32[torch.Tensor, "batch 3 cell_rows cell_cols"]
 
 
 @dataclass(frozen=True)
@@ -78,86 +79,6 @@ class _Guess:
     def select(self, indices: torch.Tensor) -> "_Guess":
         skin = DeformedSkin(*(field[indices] for field in vars(self.skin).values()))
         return _Guess(self.tractions[indices], skin, self.misfit[indices], self.step[indices])
-
-
-@dataclass(frozen=True)
-class _Whitener:
-    """`linearisation_and_qp.Whitener` of each observation."""
-
-    per_error: Views
-
-    def whiten(self, residual: Views) -> Float32[torch.Tensor, "batch cells"]:
-        weighted, common = (residual * self.per_error).flatten(1), self._common
-        return weighted - common * ((common * weighted).sum(1, keepdim=True) * self._level_gain)
-
-    def gram(self, columns: Float32[torch.Tensor, "batch n cells"]) -> Float32[torch.Tensor, "batch n n"]:
-        common = columns @ self._common[..., None]
-        return torch.baddbmm(columns @ columns.mT, common * self._level_gain[..., None], common.mT, alpha=-1)
-
-    def squared_norm(self, residual: Views) -> Numbers:
-        return (self.whiten(residual) * (residual * self.per_error).flatten(1)).sum(1)
-
-    @cached_property
-    def _common(self) -> Float32[torch.Tensor, "batch cells"]:
-        return single.LEVEL_STD * self.per_error.flatten(1)
-
-    @cached_property
-    def _level_gain(self) -> Float32[torch.Tensor, "batch 1"]:
-        return 1 / (1 + self._common.square().sum(1, keepdim=True))
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """`LinearisedBrightnessProblem` of each observation."""
-
-    index: Int[torch.Tensor, "batch n"]
-    """The cells of the contact region, row after row, then cells outside it up to the size of the batch."""
-    used: Float32[torch.Tensor, "batch n"]
-    """One on the cells of the contact region, zero on the others."""
-    carried_shear: Float32[torch.Tensor, "batch n modes"]
-    sticking_weights: Float32[torch.Tensor, "batch n weights"]
-    jacobian: Float32[torch.Tensor, "batch unknowns cells"]
-    curvature: Float64[torch.Tensor, "batch unknowns unknowns"]
-    slope: SkinFields
-    whitener: _Whitener
-    sticking_part: Numbers
-
-    def negative_gradient(self, residual: Views) -> Float64[torch.Tensor, "batch unknowns"]:
-        return (self.jacobian @ self.whitener.whiten(residual)[..., None])[..., 0].double()
-
-    def tractions(self, unknowns: Float64[torch.Tensor, "batch unknowns"], shape: tuple[int, int]) -> Tractions:
-        """Return pressure and shear on the view."""
-        x = unknowns.float()
-        count, modes = self.carried_shear.shape[1:]
-        pressure = x[:, :count] * self.used
-        weights = x[:, count:] + (pressure[:, None] @ self.sticking_weights)[:, 0]
-        shear = weights.view(-1, 2, modes) @ self.carried_shear.mT
-        values = torch.cat([pressure[:, None], shear], 1)
-        tractions = values.new_zeros(len(x), 3, shape[0] * shape[1])
-        return tractions.scatter_(2, self.index[:, None].expand_as(values), values).view(-1, 3, *shape)
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """`QPSolution` of each observation."""
-
-    x: Float64[torch.Tensor, "batch unknowns"]
-    free: Bool[torch.Tensor, "batch unknowns"]
-    factor: Float64[torch.Tensor, "batch unknowns unknowns"]
-    wrong: Bool[torch.Tensor, "batch unknowns"]
-    """The unknowns on the wrong side of their bound."""
-    is_factored: Bool[torch.Tensor, " batch"]
-    """Whether the curvature was positive definite; otherwise nothing was solved."""
-
-    @property
-    def converged(self) -> Bool[torch.Tensor, " batch"]:
-        return self.is_factored & ~self.wrong.any(1)
-
-    def whiten_rows(
-        self, rows: Float64[torch.Tensor, "batch rows unknowns"]
-    ) -> Float64[torch.Tensor, "batch rows unknowns"]:
-        columns = (rows * self.free[:, None]).mT
-        return torch.linalg.solve_triangular(self.factor, columns, upper=False).mT
 
 
 @dataclass(frozen=True)
@@ -247,7 +168,9 @@ class BatchedTractionInversion:
         target = problem.negative_gradient(observation.change - constant)
         free = guess.tractions[:, 0].flatten(1).gather(1, problem.index) > 0
         weights = free.new_ones(len(free), problem.curvature.shape[1] - cells)
-        solution = _solve(problem.curvature, target, torch.cat([free, weights], 1), cells, not self.gpu_schedule)
+        solution = solve_nonnegative_qps(
+            problem.curvature, target, torch.cat([free, weights], 1), cells, not self.gpu_schedule
+        )
         tractions = problem.tractions(solution.x, self.inversion.forward.cells.shape)
         skin = forward.deform(tractions)
         predicted = forward.observed_change(self._law, skin, observation.sight)
@@ -272,7 +195,7 @@ class BatchedTractionInversion:
         )
         return height_mm, change_mm, stiffening
 
-    def _linearise(self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int) -> _Problem:
+    def _linearise(self, observation: BatchedObservation, guess: _Guess, cells: int, modes: int) -> BatchedProblem:
         """Return the problem of each observation, linearised about its guess, with these numbers of cells and modes."""
         region = observation.region.flatten(1)
         index = region.argsort(dim=1, descending=True, stable=True)[:, :cells]
@@ -290,7 +213,7 @@ class BatchedTractionInversion:
         curvature[:, :cells, :cells] += self._prior_precision(observation, index, used)
         # Padding has a curvature of one, which keeps it at zero.
         curvature.diagonal(0, 1, 2).add_(torch.cat([1 - used, used.new_ones(len(used), 2 * modes)], 1))
-        return _Problem(index, used, carried, sticking, jacobian, curvature, slope, whitener, sticking_part)
+        return BatchedProblem(index, used, carried, sticking, jacobian, curvature, slope, whitener, sticking_part)
 
     def _carries(self, region: Views, pressure: Views) -> Views:
         """Return the smoothed pressure of each contact region."""
@@ -360,7 +283,7 @@ class BatchedTractionInversion:
         jacobian[:, :count] += (sticking * used[..., None]) @ jacobian[:, count:]
         return jacobian
 
-    def _wrench_operator(self, problem: _Problem) -> Float64[torch.Tensor, "batch 6 unknowns"]:
+    def _wrench_operator(self, problem: BatchedProblem) -> Float64[torch.Tensor, "batch 6 unknowns"]:
         """Return the force and torque due to a unit of each unknown, N and N·m per MPa."""
         carried, used = problem.carried_shear.double(), problem.used.double()
         x, y = (self._coordinates_mm[problem.index, axis] for axis in (0, 1))
@@ -393,10 +316,10 @@ class BatchedTractionInversion:
         square = whitener.squared_norm(observation.change - predicted)
         return (square / observation.in_view.sum((1, 2)).clamp(min=1)).clamp(min=1).sqrt()
 
-    def _whitener(self, observation: BatchedObservation, misfit: Numbers) -> _Whitener:
+    def _whitener(self, observation: BatchedObservation, misfit: Numbers) -> BatchedWhitener:
         """Return the inverse covariance of noise and calibration error combined, scaled to the misfit."""
         std = (observation.noise.square() + self.calibration_error**2).sqrt() * misfit
-        return _Whitener(observation.in_view / std[:, None, None])
+        return BatchedWhitener(observation.in_view / std[:, None, None])
 
     @cached_property
     def _forward(self) -> ForwardModel:
@@ -518,39 +441,3 @@ def _holding_weights(
 def _damped(gram: Float32[torch.Tensor, "batch n n"]) -> Float64[torch.Tensor, "batch n n"]:
     damping = (qp.MODE_DAMPING * gram.amax((1, 2))).clamp(min=1e-12).double()
     return gram.double() + damping[:, None, None] * torch.eye(gram.shape[1], dtype=torch.float64, device=gram.device)
-
-
-def _solve(
-    curvature: Float64[torch.Tensor, "batch n n"],
-    target: Float64[torch.Tensor, "batch n"],
-    free: Bool[torch.Tensor, "batch n"],
-    bounded: int,
-    stop_early: bool,
-) -> _Solution:
-    """Return the minimum of ½ xᵀHx − bᵀx where the first `bounded` unknowns are not negative (`solve_nonnegative_qp`).
-
-    stop_early: whether to wait after every exchange for the device, to end when none of the batch needs another.
-    """
-    root = curvature.diagonal(0, 1, 2).sqrt()
-    is_bounded = torch.arange(free.shape[1], device=free.device) < bounded
-    solution = _solve_free(curvature, target, free, root, is_bounded)
-    for _ in range(_EXCHANGES - 1):
-        if stop_early and not solution.wrong.any():
-            break
-        solution = _solve_free(curvature, target, solution.free ^ solution.wrong, root, is_bounded)
-    return replace(solution, x=torch.where(is_bounded, solution.x.clamp(min=0), solution.x))
-
-
-def _solve_free(
-    curvature: torch.Tensor, target: torch.Tensor, free: torch.Tensor, root: torch.Tensor, is_bounded: torch.Tensor
-) -> _Solution:
-    """Return the minimum over the free unknowns, the others being zero, and which unknowns are on the wrong side."""
-    held = (~free).to(curvature.dtype)
-    part = curvature * (1 - held)[:, :, None] * (1 - held)[:, None, :]
-    part.diagonal(0, 1, 2).add_(held)
-    factor, failed_at = torch.linalg.cholesky_ex(part)
-    x = torch.cholesky_solve((target * free)[..., None], factor)[..., 0]
-    gradient = target - (curvature @ x[..., None])[..., 0]
-    rising = ~free & (gradient > qp.WRONG_SIDE_STDS * root)
-    negative = free & is_bounded & (x * root < -qp.WRONG_SIDE_STDS)
-    return _Solution(x, free, factor, rising | negative, failed_at == 0)
