@@ -12,12 +12,8 @@ from upstream_folder import UpstreamFolder
 
 from ninedtact.calibration.brightness_change import different_skin_warnings, find_exposure_fault, overexposed_share
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
-from ninedtact.calibration.drift.reference_check import (
-    CalibratedReference,
-    find_reference_image_fault,
-    load_calibrated_reference,
-    measure_drift,
-)
+from ninedtact.calibration.drift.measurement import CalibratedReference, load_calibrated_reference, measure_drift
+from ninedtact.calibration.drift.reference_check import find_reference_image_fault
 from ninedtact.calibration.original_9dtact.import_export import import_original_calibration
 from ninedtact.calibration.sensor_folder import SensorFolder, SensorFolderDamaged
 from ninedtact.capture.strict_image_reading import read_image

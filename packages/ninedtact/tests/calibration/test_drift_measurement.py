@@ -10,12 +10,8 @@ import pytest
 from ninedtact.calibration.board.board_fit import calibrated_area_mm
 from ninedtact.calibration.brightness_change import BrightnessChange, different_skin_warnings
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
-from ninedtact.calibration.drift.reference_check import (
-    CalibratedReference,
-    DriftMeasurement,
-    ReferenceImageChecker,
-    measure_drift,
-)
+from ninedtact.calibration.drift.measurement import CalibratedReference, DriftMeasurement, measure_drift
+from ninedtact.calibration.drift.reference_check import ReferenceImageChecker
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.errors import InputError
 from ninedtact.quantities import BgrImage, Frame, centred_axis_mm

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
-from ninedtact.calibration.drift.reference_check import load_calibrated_reference, measure_drift
+from ninedtact.calibration.drift.measurement import load_calibrated_reference, measure_drift
 from ninedtact.calibration.original_9dtact.import_export import export_original_calibration
 from ninedtact.calibration.procedure import (
     Calibration,

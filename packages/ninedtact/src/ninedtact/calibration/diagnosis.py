@@ -12,7 +12,8 @@ import numpy as np
 from ninedtact.calibration.brightness_change import dim_warning, find_exposure_fault
 from ninedtact.calibration.certificate.checks import WRONG_RADIUS, compute_certificate_checks
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
-from ninedtact.calibration.drift.reference_check import FLIPS, CalibratedReference, change_in_words, measure_drift
+from ninedtact.calibration.drift.measurement import FLIPS, CalibratedReference, measure_drift
+from ninedtact.calibration.drift.reference_check import change_in_words
 from ninedtact.calibration.sensor_toml_schema import Certificate, ProbableCause
 from ninedtact.design import PUBLISHED_MM_PER_PX, RectifiedImageSize
 from ninedtact.quantities import BgrImage, Frame

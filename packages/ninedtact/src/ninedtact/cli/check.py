@@ -13,7 +13,8 @@ from ninedtact.cli.shared_options import JsonOption, SensorOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.drift.reference_check import DriftFinding, DriftMeasurement
+    from ninedtact.calibration.drift.measurement import DriftMeasurement
+    from ninedtact.calibration.drift.reference_check import DriftFinding
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class CheckCommand:
     def run(self) -> int:
         """Judge every image; 1 where one is not fine."""
         from ninedtact.calibration.drift.diagnosis import diagnose_drift
-        from ninedtact.calibration.drift.reference_check import load_calibrated_reference, measure_drift
+        from ninedtact.calibration.drift.measurement import load_calibrated_reference, measure_drift
         from ninedtact.capture.strict_image_reading import read_image
 
         if not self.reference:

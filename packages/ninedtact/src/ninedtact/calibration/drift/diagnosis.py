@@ -7,10 +7,10 @@ ball, give none.
 import numpy as np
 
 from ninedtact.calibration.brightness_change import MAX_UNEVENNESS
+from ninedtact.calibration.drift.measurement import DriftMeasurement
 from ninedtact.calibration.drift.reference_check import (
     EXPLAINED_BY_GAMMA,
     DriftFinding,
-    DriftMeasurement,
     change_in_words,
     find_gamma_change,
     find_reference_image_fault,
