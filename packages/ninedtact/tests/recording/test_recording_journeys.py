@@ -87,7 +87,7 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
         for frame, row in zip(episode.frames(), csv.DictReader((out / "images.csv").open()), strict=True):
             assert np.array_equal(cv2.imread(str(out / "images" / row["image"])), frame.image)
             assert int(row["monotonic_ns"]) == frame.stamp_ns
-            assert float(row["time_s"]) == (frame.stamp_ns - episode.first_ns) / 1e9
+            assert float(row["time_s"]) == (frame.stamp_ns - episode.began_ns) / 1e9
     assert len(list((out / "heights").glob("*.npy"))) == exported["heights"]
     assert main(["export", str(path), "--out", str(out)]) == 1 and "new or empty" in capsys.readouterr().err
 

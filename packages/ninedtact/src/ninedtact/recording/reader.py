@@ -135,11 +135,6 @@ class Recording:
         first_ns, last_ns = self._time_span_ns
         return (last_ns - first_ns) / 1e9
 
-    @property
-    def first_ns(self) -> int:
-        """Stamp of its first message."""
-        return self._time_span_ns[0]
-
     @cached_property
     def dropped_count(self) -> int:
         """Images that the source counted and that were not written."""
