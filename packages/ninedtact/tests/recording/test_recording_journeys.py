@@ -366,6 +366,18 @@ def test_a_recording_of_a_twin_may_begin_at_any_moment_of_a_press(skipped: int, 
             np.testing.assert_allclose(got[wanted.in_view], wanted.z_mm[wanted.in_view], atol=1e-5)
 
 
+def test_the_seconds_of_a_recording_begin_when_its_camera_is_open(sensor: Path, tmp_path: Path) -> None:
+    """A loaded computer, or a camera that is tried in two formats, takes longer to open than is recorded."""
+
+    class Slow(Camera):
+        def open(self) -> None:
+            time.sleep(0.3)
+            super().open()
+
+    writer = record(Slow(1.0), tmp_path / "press.mcap", load_sensor(sensor), seconds=0.15)
+    assert writer.written[Topic.IMAGES]
+
+
 def test_what_came_before_a_loss_is_kept(sensor: Path, tmp_path: Path) -> None:
     path, said = tmp_path / "lost.mcap", list[str]()
     with pytest.raises(CameraLost):

@@ -263,7 +263,7 @@ class CameraSettings:
         ):
             if getattr(self, fixed) is not None and getattr(self, automatic):
                 raise CameraError(expected=f"{fixed} or {automatic}", got="both", remedy="drop one")
-        if self.pixel_format is not None and len(self.pixel_format) != 4:
+        if self.pixel_format is not None and not (len(self.pixel_format) == 4 and self.pixel_format.isascii()):
             raise CameraError(
                 expected="pixel_format of four letters", got=f"'{self.pixel_format}'", remedy="try MJPG or YUYV"
             )
