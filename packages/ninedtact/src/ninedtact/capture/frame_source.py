@@ -357,9 +357,9 @@ class ImageFolder(ImageFileList, AddressedFrameSource):
         self.images = tuple(_list_images(self.folder))
         if not self.images:
             kinds = ", ".join(IMAGE_SUFFIXES)
-            raise CameraError(
-                expected=f"a folder of images ({kinds})", got=f"none in {self.folder}", remedy="check the path"
-            )
+            recordings = sorted(self.folder.glob("*.mcap"))
+            remedy = f"give the recording in it, {recordings[0]}" if recordings else "check the path"
+            raise CameraError(expected=f"a folder of images ({kinds})", got=f"none in {self.folder}", remedy=remedy)
         super().open()
 
 

@@ -189,7 +189,7 @@ class Recording:
             reason = (error.got if isinstance(error, FileFormatError) else str(error)).splitlines() or [""]
             raise RecordingUnreadable(
                 expected=f"{self.path} as it was recorded",
-                got=f"a message at {message.log_time} ns that cannot be read ({reason[0][:100]})",
+                got=f"a message at {message.log_time} ns that cannot be read ({reason[0][:120]})",
                 remedy="restore the file from a copy",
             ) from error
 
