@@ -16,7 +16,7 @@ from ninedtact.recording.episode_sensors import write_episode_sensors
 from ninedtact.recording.export import WRENCH_COLUMNS, require_empty_folder, require_exportable
 from ninedtact.recording.followed_recording import follow_recording
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
 
 SENSORS = "ninedtact"
@@ -135,8 +135,8 @@ def _frames_per_second(recordings: Sequence[Recording], fps: int | None) -> int:
             raise InputError(expected=f"1 to {_MOST_FPS} frames per second", got=f"{fps}", remedy="give another --fps")
         return fps
     stamps_ns = {recording.path: recording.stamps_ns(Topic.IMAGES) for recording in recordings}
-    rates_hz = {path: median_rate_hz(stamps) for path, stamps in stamps_ns.items() if len(stamps) > 1}
-    common_hz = float(np.median([*rates_hz.values()])) if rates_hz else median_rate_hz(np.empty(0, np.int64))
+    rates_hz = {path: usual_rate_hz(stamps) for path, stamps in stamps_ns.items() if len(stamps) > 1}
+    common_hz = float(np.median([*rates_hz.values()])) if rates_hz else usual_rate_hz(np.empty(0, np.int64))
     for path, rate_hz in rates_hz.items():
         if abs(rate_hz - common_hz) > _RATE_TOLERANCE * common_hz:
             raise InputError(

@@ -23,7 +23,7 @@ from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import McapFile, is_being_written
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, REPAIR_RECORD, choose_sensor_metadata
-from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, median_rate_hz, summarise_topic
+from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, usual_rate_hz, summarise_topic
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     PairLabel,
@@ -176,7 +176,7 @@ class Recording:
         if self.is_of_other_program and len(positions):
             away_ns = np.abs(positions["stamp_ns"] - stamp_ns)
             nearest = int(away_ns.argmin())
-            within_ns = 0.5e9 / median_rate_hz(self.stamps_ns(Topic.IMAGES))
+            within_ns = 0.5e9 / usual_rate_hz(self.stamps_ns(Topic.IMAGES))
             return self.file.message(positions[nearest]) if away_ns[nearest] <= within_ns else None
         messages = map(self.file.message, positions[positions["stamp_ns"] == stamp_ns])
         return next((message for message in messages if message.sequence == index), None)
