@@ -23,7 +23,7 @@ from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import McapFile, is_being_written
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, REPAIR_RECORD, choose_sensor_metadata
-from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, usual_rate_hz, summarise_topic
+from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, summarise_topic, usual_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     PairLabel,

@@ -63,9 +63,9 @@ class RecordingSummary:
 
 
 def usual_rate_hz(stamps_ns: Array) -> float:
-    """Return the usual rate of some stamps, by the mean of their distances near the median, which gaps do not change; 30 if unknown.
+    """Return the usual rate of some stamps, by the mean of their distances near the median; 30 if unknown.
 
-    The mean, because the times of many video formats are whole milliseconds: 60 Hz are 17, 17, 16.
+    Gaps do not change it. The times of many video formats are whole milliseconds: 60 Hz are 17, 17, 16.
     """
     steps_ns = np.diff(stamps_ns)
     median_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
