@@ -118,8 +118,11 @@ class McapFile:
         except (RecordingUnreadable, OSError):
             raise
         except Exception as error:  # every decompressor has errors of its own
+            reason = str(error) or "it ends too early"
             raise RecordingUnreadable(
-                expected=f"a recording in {self.path}", got=f"a damaged file ({error})", remedy="restore it from a copy"
+                expected=f"a recording in {self.path}",
+                got=f"a damaged file ({reason})",
+                remedy="restore it from a copy",
             ) from error
 
     def positions(self, topic: str) -> Array:

@@ -346,15 +346,18 @@ class Recording:
         return into
 
     def sensor_files(self) -> dict[str, bytes]:
-        """Return the content of the attached sensor folder's files by their paths in it; paths leading elsewhere are skipped."""
+        """Return the content of the attached sensor folder's files by their paths in it.
+
+        Paths that lead elsewhere, or into a file, are skipped.
+        """
         if self._sensor_folder is not None:
             return read_folder_files(self._sensor_folder)
         folder, files = PurePosixPath(_attached_folder(self.metadata.name)).parts, {}
         for attachment in self.file.attachments():
             parts = PurePosixPath(attachment.name).parts
             if parts[: len(folder)] == folder and _is_path_in_folder(parts[len(folder) :]):
-                files[str(PurePosixPath(*parts[len(folder) :]))] = attachment.data
-        return files
+                files[PurePosixPath(*parts[len(folder) :])] = attachment.data
+        return {str(name): data for name, data in files.items() if files.keys().isdisjoint(name.parents)}
 
     @cached_property
     def calibration_checksum(self) -> str:
