@@ -13,7 +13,7 @@ from typing import Any
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
-from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete
+from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete, require_frame_source
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
@@ -165,6 +165,7 @@ def _new_recorder(
     notify: Callable[[str], None],
     beside: RecordingWriter | None = None,
 ) -> "Recorder":
+    require_frame_source(part.source)
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults
