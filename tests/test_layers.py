@@ -35,7 +35,7 @@ LAYERS = {
         {"force", "simulation", "tracking"},
         {"calibration", "stream_memory"},
         {"reference_images", "reference_frames"},
-        {"recording", "sensor"},
+        {"recording", "sensor", "steady_light"},
         {"source_addresses", "rectified_images"},
         {"open_sensor", "live"},
         {"live_sensor"},
