@@ -15,7 +15,7 @@ from ninedtact.live.wrench_history import UNKNOWN_STD, WrenchHistory, WrenchWith
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import RecordedReferences, Recording
-from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
@@ -47,7 +47,7 @@ class RecordedReadings:
     @property
     def hz(self) -> float:
         """The usual rate of the images."""
-        return median_rate_hz(self.stamps_ns)
+        return usual_rate_hz(self.stamps_ns)
 
     def reading(self, number: int) -> Reading:
         """Return a reading; raises `RecordingUnreadable`, `FileFormatError`, `ReferenceUnusable`."""
