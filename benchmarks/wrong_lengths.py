@@ -22,14 +22,15 @@ import tyro
 from figures import Figure, answer, at_least, at_most
 from real_images import calibration_images, sensor_folders
 from scipy.stats import norm
-from second_ball import images_with_second_ball
+from second_press import images_with_second_ball
 
 from ninedtact import CalibrationImages, SensorDesign, calibrate
-from ninedtact.calibration.ball.ball_press import find_ball_press, find_second_press
+from ninedtact.calibration.ball.ball_press import find_ball_press
+from ninedtact.calibration.ball.second_press import find_second_presses
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.certificate.checks import compute_certificate_checks, press_through_gel_warnings
 from ninedtact.calibration.certificate.length_evidence import assess_stated_lengths, relative_radius_std
-from ninedtact.calibration.fits_to_sensor_toml import make_second_ball_quality
+from ninedtact.calibration.fits_to_sensor_toml import make_second_press_quality
 from ninedtact.calibration.sensor_toml_schema import Certificate
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.design import BallGauge
@@ -167,12 +168,12 @@ def fit_once(images: CalibrationImages, design: SensorDesign) -> tuple[Certifica
     assert images.board_pair is not None and images.ball_pair is not None
     board = fit_board(*images.board_pair, design.pin_board)
     rectify = build_rectification(board, design)
-    second = find_second_press(rectify, images.second_ball_pair, design, "physics")
+    second = find_second_presses(rectify, images.second_pairs, design, "physics")
     twin = fit_twin_to_ball_press(
         find_ball_press(rectify, *images.ball_pair, design.ball, "physics"), design, (), (), second
     )
     certificate = Certificate(
-        second_ball=make_second_ball_quality(twin, twin) if twin.further else None,
+        second_ball=make_second_press_quality(twin, twin) if twin.further else None,
         lengths=assess_stated_lengths(board, twin, design),
         warnings=press_through_gel_warnings(twin.press.depth_mm, design.gel),
     )
