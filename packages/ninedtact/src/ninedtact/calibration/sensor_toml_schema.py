@@ -14,7 +14,7 @@ from msgspec import Meta, Struct, field
 
 from ninedtact.bounds_and_checked_reading import mapping_checksum, require_within_bounds
 from ninedtact.design import Gel, SecondKind, SensorDesign
-from ninedtact.errors import InputError
+from ninedtact.errors import UNPRINTABLE, InputError
 from ninedtact.force.estimator_and_scale import WIDEST_FACTOR
 from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.shape.deblurring import Deblurring
@@ -385,17 +385,17 @@ class KnownLoadTable(Struct, frozen=True, forbid_unknown_fields=True):
     """Relative standard deviation of that factor."""
 
 
-_SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")
+_SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\t\n/\\]{1,100}")
 """Names are shown on pages, stand in tables and may become names of folders."""
 
 
 def require_sensor_id(sensor_id: str) -> None:
     """Raise `InputError` for text that is no name of a sensor."""
-    if not _SENSOR_ID.fullmatch(sensor_id):
+    if not _SENSOR_ID.fullmatch(sensor_id) or UNPRINTABLE.search(sensor_id):
         raise InputError(
-            expected="a name of a sensor of 1 to 100 characters without slashes and control characters",
+            expected="a name of a sensor of 1 to 100 printable characters without slashes",
             got=f"{sensor_id[:120]!r}",
-            remedy="choose another",
+            remedy="choose another, or give one with --id",
         )
 
 

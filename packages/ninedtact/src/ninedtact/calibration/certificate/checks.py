@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Generic, Literal, TypeVar
 
+from ninedtact.calibration.certificate.length_evidence import relative_radius_std
 from ninedtact.calibration.sensor_toml_schema import (
     MAX_ASYMMETRY,
     MAX_MISSING_FRACTION,
@@ -100,6 +101,14 @@ def relative_contact_radius(ball: BallQuality) -> float:
     return ball.contact_radius_mm / section_mm if section_mm > 0 else inf
 
 
+def relative_depth_per_radius(ball: BallQuality) -> float:
+    """Return the relative decrease of the depth per relative increase of the stated radius: that of the ball's cap over a circle
+    of one size, since the image shows the circle.
+    """
+    above_mm = ball.ball_radius_mm - ball.max_indentation_mm
+    return ball.ball_radius_mm / above_mm if above_mm > 0 else inf
+
+
 _OF_LENS: tuple[Use, ...] = ("shape", "twin")
 _OF_READINGS: tuple[Use, ...] = ("shape", "force")
 LEAVE_ONE_OUT_RMS_MM = CheckLimit(0.06, 0.1)
@@ -187,7 +196,8 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         "at most {:g} times",
         lambda ball: (
             f"Contact: {ball.contact_radius_mm:.2f} mm in radius at {ball.max_indentation_mm:.2f} mm depth, "
-            f"{relative_contact_radius(ball):.2f} times the section of the ball there"
+            f"{relative_contact_radius(ball):.2f} times the section of the ball there; were the ball 1 % larger than stated, this "
+            f"depth would be {relative_depth_per_radius(ball):.1f} % too large"
         ),
         "check that the ball's radius is the stated one, and that nothing presses beside it",
         cause=lambda ball: WRONG_RADIUS,
@@ -263,7 +273,8 @@ LENGTH_CHECKS: tuple[CertificateCheck[LengthPlausibility], ...] = (
         lambda lengths: (
             f"Lengths: compared with sensors of this design, {lengths.pitch_mm:g} mm between the pins of the board is wrong with a "
             f"probability of {lengths.pitch_wrong_probability:.0%} and the ball's radius of {lengths.ball_radius_mm:g} mm with "
-            f"{lengths.ball_radius_wrong_probability:.0%}{_likely_lengths_in_words(lengths)}"
+            f"{lengths.ball_radius_wrong_probability:.0%}, though they tell a radius to ± {relative_radius_std():.0%} only"
+            f"{_likely_lengths_in_words(lengths)}"
         ),
         "measure pins and ball with a calliper (a wrong length makes all depths and forces wrong), give the right lengths",
         cause=lambda lengths: (
