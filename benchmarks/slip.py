@@ -30,15 +30,15 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import Twin
-from ninedtact.tracking import ContactTracker, SlipEstimate, SlipEstimator, SlipSample, SlipState
+from ninedtact.tracking import ContactTracker, SlipEstimate, SlipEstimator, SlipSample, SlipState, TrackedContacts
 from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
 
 SENSORS, HELD_OUT = ("sensor_a", "sensor_i"), ("L", "P", "R")
 OBJECTS = (
+    ("gear_07", 0.4, 0.3),
     ("ball:5", 0.6, 0.6),
     ("ball:3", 0.9, 0.6),
     ("ellipsoid:6,4,4", 0.5, 0.6),
-    ("gear_07", 0.4, 0.3),
     ("cross_03", 0.7, 0.3),
     ("torus_02", 0.8, 0.4),
 )
@@ -52,7 +52,22 @@ STATES = SlipState.STATIC, SlipState.INCIPIENT, SlipState.GROSS
 FLICKER, FLICKER_HZ, SETTLING = 0.01, 0.75, 6
 HELD_S = np.array([0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1200.0])
 """Times of a hold at which the relaxed gel is rendered."""
+SEEN_TURN_RAD = 0.05
+"""Standard deviation of a turn up to which its torque is measured."""
 MOST_FINGERTIPS = 4
+
+
+@dataclass(frozen=True)
+class Torques:
+    """The torque about z in N·mm."""
+
+    true: float
+    of_image: float
+    """What the image alone shows."""
+    followed: float
+    """With what the turn of the object shows."""
+    std: float
+    """Stated error of the latter."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +78,8 @@ class Step:
     found: SlipEstimate
     slid_mm: float
     """Distance that the object has slid on the skin since the last gross slip began."""
+    torques: Torques | None
+    """None where the turn of the object is not seen."""
     by_true_loads: SlipEstimate
     """What is found of the twin's own displacement and loads, the most that `SlipEstimator` can tell."""
     found_in_s: float
@@ -100,16 +117,38 @@ def follow(rig: Rig, indenter: Indenter, settings: MotionSettings, kind: str) ->
         slid_mm = slid_mm + truth.speed_mm_s / HZ if truth.state == SlipState.GROSS else 0.0
         reading = rig.read(step.press, number)
         began = process_time()
-        found = tracker.update(reading).slip
+        found = tracker.update(reading)
         spent_s = process_time() - began
         pose, force_n = step.press.pose, step.press.wrench.force_n
-        row = np.array([pose.x_mm, pose.y_mm, *force_n])
-        yield Step(truth, found, slid_mm, judge.update(sample_of(row, number)), spent_s)
+        by_true_loads = judge.update(sample_of(np.array([pose.x_mm, pose.y_mm, *force_n]), number))
+        yield Step(truth, found.slip, slid_mm, torques(step.press, found), by_true_loads, spent_s)
 
 
 def sample_of(row: np.ndarray, number: int) -> SlipSample:
     """Return the sample of an image: displacement along x and y, and force."""
     return SlipSample((number + 1) / HZ, row[:2], row[2:4], -float(row[4]), CONTACT_CENTRE_STD_MM, load_std_n(row[4]))
+
+
+def torques(press: Press, found: TrackedContacts) -> Torques | None:
+    """Return the torques of one image; None where no torque is seen in the turn of the object."""
+    alone, followed = found.reading.force, found.force
+    if alone is None or followed is None or not found.contacts or not 0 < found.motion.std[5] < SEEN_TURN_RAD:
+        return None
+    numbers = press.wrench.six[5], alone.about_skin_centre().wrench.six[5], followed.wrench.six[5], followed.std[5]
+    return Torques(*(1e3 * float(number) for number in numbers))
+
+
+def torque_figures(name: str, twists: Sequence[Sequence[Step]]) -> Iterator[Figure]:
+    """Yield the errors of the torque of twists whose turn is seen, over the torque: root mean squares over all images."""
+    seen = [one for steps in twists for step in steps if (one := step.torques) is not None]
+    if not seen:
+        return
+    true, alone, followed, std = np.array([[one.true, one.of_image, one.followed, one.std] for one in seen]).T
+    errors = [float(np.sqrt(np.mean((of - true) ** 2) / np.mean(true**2))) for of in (alone, followed)]
+    within = [float(np.mean(np.abs(followed - true) < times * std)) for times in (1, 2)]
+    label = f"{name}: twists whose turn is seen in {len(seen)} of {sum(map(len, twists))} images, error of T_z over T_z"
+    yield Figure(f"{label}: followed; of the image alone", errors[1], peer=errors[0])
+    yield Figure(f"{label}: followed, within 1σ, 2σ", f"{within[0]:.2f}, {within[1]:.2f}")
 
 
 @dataclass(frozen=True)
@@ -340,6 +379,7 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
         at_least(f"{name}: macro-F1 of static, incipient, gross", float(f1_scores(counts).mean()), 0.85, peer=0.53),
         Figure(f"{name}: F1", ", ".join(names)),
         *turned_figures(name, turned),
+        *torque_figures(name, [steps for (_, kind), steps in turned.items() if kind == "twist"]),
         Figure(f"{name}: images by true state, as static, incipient, gross", "; ".join(str(row) for row in counts)),
         at_most(
             f"{name}: onset of gross slip noticed after, median",
