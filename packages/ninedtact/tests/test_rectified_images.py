@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ninedtact.calibration.nominal_shape import nominal_shape
+from ninedtact.capture.source_from_address import camera_or_file_source
 from ninedtact.cli import main
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
@@ -20,7 +21,7 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import default_twin
-from ninedtact.steady_light import common_factor
+from ninedtact.steady_light import SteadyLight, common_factor
 
 COLS, ROWS, VIEW_MM, HZ = 80, 60, 22.0, 30.0
 FREE, DOWN, HELD, DRAGGED = 10, 12, 8, 30
@@ -137,11 +138,17 @@ def test_reference_images_end_before_a_wide_contact_that_is_hardly_above_their_n
     assert choose_reference_frames(frames, frames[untouched:]).frames == tuple(frames[: untouched - 1])
 
 
-def test_a_lamp_that_flickers_changes_neither_motion_nor_slip(drag: Drag, tmp_path: Path) -> None:
+def test_the_images_of_a_lamp_that_flickers_have_one_brightness_without_contact(drag: Drag, tmp_path: Path) -> None:
     light = 1 + np.random.default_rng(3).normal(0, 0.015, len(drag.images))
     images = [np.asarray(np.rint(image * factor), np.uint8) for image, factor in zip(drag.images, light, strict=True)]
-    options = "--reference-frames", "0:10", "--mm-per-px", f"{VIEW_MM / COLS}", "--rate-hz", f"{HZ:g}"
-    require_truth(track(save(images, tmp_path / "images"), *options), drag)
+    source = camera_or_file_source(str(save(images, tmp_path / "images")))
+    with source:
+        flickering = list(source)
+    with SteadyLight(source, flickering[:FREE]) as steadied:
+        steady = list(steadied)
+    levels = [np.array([frame.image.mean() for frame in frames[:FREE]]) for frames in (flickering, steady)]
+    before, after = (float(level.std() / level.mean()) for level in levels)
+    assert len(steady) == len(images) and before > 0.01 and after < 0.001
 
 
 def test_the_common_factor_of_images_is_that_of_skin_beside_all_contacts() -> None:
