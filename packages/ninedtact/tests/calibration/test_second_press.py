@@ -190,7 +190,7 @@ def test_a_flat_end_at_a_known_depth_tells_the_depth(
     (check,) = compute_certificate_checks(Certificate(flat_end=quality))
     assert check.level == "pass" and quality.stated_mm == stop_mm
     (check,) = compute_certificate_checks(Certificate(flat_end=structs.replace(quality, stated_mm=0.9)))
-    assert check.level == "warn" and "the stop says 0.90 ± 0.03 mm" in check.text
+    assert check.level == "warn" and "the stop says 0.90 ± 0.04 mm" in check.text
 
 
 def test_what_a_tilt_changes_is_taken_out_of_the_image_of_a_flat_end_alone() -> None:

@@ -1,8 +1,8 @@
 """A second press on the gel of the calibration's ball, which is fitted together with the first: of another ball, or of the flat end
 of a rod that a stop lets in to a known depth. It tells the base of the gel, and so the true depth.
 
-`SecondObject` is the interface of what is pressed. In: the design, and a raw image of the skin before each press and under it. Out:
-`SecondPress`, by `find_second_presses`.
+`PressedObject` is the interface of what is pressed. In: the design, and raw images of the skin before each press and under it.
+Out: `SecondPress`, by `find_second_presses`.
 """
 
 from abc import ABC, abstractmethod
@@ -36,9 +36,9 @@ from ninedtact.shape.depth import DepthMethod
 from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.calibration_images import FLAT_END_EDGE_MM
 
-EDGE_RULE_BIAS_MM = 0.1
+_EDGE_RULE_BIAS_MM = 0.1
 """Usual excess of the depth that the rule of the disc's edge gives."""
-WIDE_DISC_RADIUS = 0.95
+_WIDE_DISC_RADIUS = 0.95
 """Radius of the disc for the initial guess, as a fraction of the ball's radius, where the disc is wider than the ball (as in thick
 gel) and does not determine the depth.
 """
@@ -58,10 +58,11 @@ _MAX_FLAT_DEPTH = 0.7
 """Largest depth of a flat end as a fraction of the thickness of the gel."""
 
 
-class SecondObject(ABC):
-    """What is pressed second."""
+class PressedObject(ABC):
+    """A round object that is pressed on the gel: the calibration's ball, another one, or the flat end of a rod."""
 
     kind: ClassVar[SecondKind]
+    """What it is where it is pressed second."""
     radius_mm: float
     """Radius of the ball or of the rod."""
 
@@ -92,7 +93,7 @@ class SecondObject(ABC):
     def require_explained(self, rmse_grey: float, circle: ContactCircle) -> None:
         """Refuse a press that gel and light of the first do not explain; raises `BallPressUnusable`."""
 
-    def as_pressed(self, before: Rectified, after: Rectified, circle: ContactCircle) -> "SecondObject":
+    def as_pressed(self, before: Rectified, after: Rectified, circle: ContactCircle) -> "PressedObject":
         """Return the object with what its press shows of how it was held."""
         return self
 
@@ -103,7 +104,7 @@ class SecondObject(ABC):
 
 
 @dataclass(frozen=True)
-class PressedBall(SecondObject):
+class PressedBall(PressedObject):
     """A ball of this radius."""
 
     radius_mm: float
@@ -121,8 +122,8 @@ class PressedBall(SecondObject):
     def estimate_depth_mm(self, edge_radius_mm: float) -> float:
         """Return the depth by the rule of the disc's edge, less its usual bias."""
         is_wide = edge_radius_mm >= self.radius_mm
-        disc_mm = WIDE_DISC_RADIUS * self.radius_mm if is_wide else edge_radius_mm
-        return spherical_cap_height_mm(self.radius_mm, disc_mm) - EDGE_RULE_BIAS_MM
+        disc_mm = _WIDE_DISC_RADIUS * self.radius_mm if is_wide else edge_radius_mm
+        return spherical_cap_height_mm(self.radius_mm, disc_mm) - _EDGE_RULE_BIAS_MM
 
     def require_explained(self, rmse_grey: float, circle: ContactCircle) -> None:
         """Refuse a press of a ball of another radius than the stated one."""
@@ -137,7 +138,7 @@ class PressedBall(SecondObject):
 
 
 @dataclass(frozen=True)
-class PressedFlatEnd(SecondObject):
+class PressedFlatEnd(PressedObject):
     """The flat end of a rod, pressed to a known depth. Its rim is not fitted, and its tilt is taken out of the image."""
 
     gauge: FlatEndGauge
@@ -248,10 +249,10 @@ def _darkening_about(
 class SecondPress(RoundPress):
     """The press of a second object."""
 
-    object: SecondObject
+    object: PressedObject
 
 
-def second_object(kind: SecondKind, design: SensorDesign) -> SecondObject:
+def second_object(kind: SecondKind, design: SensorDesign) -> PressedObject:
     """Return what a design presses second; raises `InputError` for a flat end deeper than the gel allows."""
     if kind == "second_ball":
         return PressedBall(design.ball.second_radius_mm)
@@ -280,7 +281,7 @@ def find_second_presses(
 
 
 def _find_second_press(
-    rectify: Rectification, pair: tuple[BgrImage, BgrImage], pressed: SecondObject, method: DepthMethod
+    rectify: Rectification, pair: tuple[BgrImage, BgrImage], pressed: PressedObject, method: DepthMethod
 ) -> SecondPress:
     if method != "physics":
         raise InputError(
