@@ -218,7 +218,11 @@ def test_a_flat_end_that_cannot_be_used_is_named(
     for image, gauge, said in (
         (reference, usual, "of the flat end a dark disc.*no contact"),
         (ball, usual, "as under a ball.*--second-ball"),
-        (pressed, FlatEndGauge(radius_mm=4.5), "of the flat end the disc of a flat end of radius 4.5 mm.*calliper"),
+        (
+            pressed,
+            FlatEndGauge(radius_mm=4.5),
+            "of the flat end a disc of 4.1 to 5.9 mm, for its radius of 4.5 mm.*calliper",
+        ),
         (twin.renderer(tilted, 3), usual, "that lies flat.*tilt of about [567].*guide the rod"),
         (pressed, FlatEndGauge(depth_mm=2.4), "at most 1.8 mm deep in a gel of 2.5 mm, got 2.4 mm"),
     ):

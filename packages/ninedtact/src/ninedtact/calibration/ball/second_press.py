@@ -171,8 +171,8 @@ class PressedFlatEnd(PressedObject):
         """Return the contact circle of a flat end of this radius that is not tilted much."""
         change = rectified_flat_fielded_change(before, after)
         circle = find_contact_circle(change, _HIGHEST_BULGE)
-        require_disc_above_black(after.grey, circle)
         self._require_radius(circle.radius_px * before.mm_per_px)
+        require_disc_above_black(after.grey, circle)
         self._require_flat_face(before, after, circle)
         return circle
 
@@ -184,9 +184,9 @@ class PressedFlatEnd(PressedObject):
         least, most = (self.gauge.radius_mm + beyond for beyond in _DISC_BEYOND_RIM_MM)
         if not least < disc_mm < most:
             raise BallPressUnusable(
-                expected=f"the disc of a flat end of radius {self.gauge.radius_mm:g} mm ({least:.1f} to {most:.1f} mm)",
+                expected=f"a disc of {least:.1f} to {most:.1f} mm, for its radius of {self.gauge.radius_mm:g} mm",
                 got=f"one of {disc_mm:.2f} mm",
-                remedy="measure the rod with a calliper and give its radius, and press its flat end",
+                remedy="measure the rod with a calliper and give its radius, and press its flat end alone, wholly in view",
             )
 
     def _require_flat_face(self, before: Rectified, after: Rectified, circle: ContactCircle) -> None:
@@ -197,7 +197,7 @@ class PressedFlatEnd(PressedObject):
         half_way = float(darkening[np.abs(distance_mm / radius_mm - 0.55) < 0.1].mean())
         if half_way < _LEAST_RIM_DARKENING * middle:
             raise BallPressUnusable(
-                expected="a flat end, under which the gel is as dark towards the rim as in the middle",
+                expected="a face under which the gel is as dark towards the rim as in the middle",
                 got=f"{half_way / middle:.0%} of the darkening half-way to the rim, as under a ball",
                 remedy="press the flat end of a rod, or give the image of a ball with --second-ball",
             )
@@ -205,7 +205,7 @@ class PressedFlatEnd(PressedObject):
         if to_rim > _MAX_TILT_DARKENING:
             tilt_deg = np.degrees(to_rim * self.gauge.depth_mm / radius_mm)
             raise BallPressUnusable(
-                expected=f"a flat end that lies flat (darkening even to {_MAX_TILT_DARKENING:.0%} from its middle to its rim)",
+                expected=f"a face that lies flat (darkening even to {_MAX_TILT_DARKENING:.0%} from its middle to its rim)",
                 got=f"{to_rim:.0%}, a tilt of about {tilt_deg:.1f}°",
                 remedy="guide the rod, such as in a drilled block, and press it straight down",
             )
