@@ -34,7 +34,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     TwinTable,
 )
 from ninedtact.design import SecondKind, SensorDesign
-from ninedtact.force.estimator_and_scale import UNCALIBRATED
+from ninedtact.force.estimator_and_scale import force_scale_of_ball
 
 BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
 BALL_IMAGES = {
@@ -251,9 +251,8 @@ def _force_section_values(record: SensorTomlRecord) -> dict[str, Any]:
     twin, known = record.twin, record.known_loads
     if twin is None:
         return {"force_sentence": "", "force_rows": []}
-    gel, error = twin.gel, UNCALIBRATED.error if known is None else known.error
-    ratio = twin.fit.parameters.get("gel_to_base_modulus_ratio")
-    ratio_std = (None if ratio is None else ratio.std) if known is None else known.modulus_ratio_std
+    gel, ratio_std = twin.gel, twin.modulus_ratio_std if known is None else known.modulus_ratio_std
+    error = force_scale_of_ball(ratio_std).error if known is None else known.error
     rows = [
         (
             f"a load of {_TYPICAL_LOAD_N:g} N is read to",
