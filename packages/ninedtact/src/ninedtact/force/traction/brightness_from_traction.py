@@ -249,12 +249,13 @@ class InfluenceKernels:
         at = influence_window_indices(self.forward.cells, row, col)
         return [windows[at] for windows in self._height_windows]
 
-    def tangential_between_cells(self, row: Indices, col: Indices) -> Float32[Array, "2 3 n n"]:
-        """Return the displacement along x and along y of each of these cells (rows) that unit pressure, unit shear along x and unit
-        shear along y on each of them (columns) cause."""
-        down, across = (np.subtract.outer(index, index) for index in (row, col))
-        skin = self.forward.cells.patch.shape
-        return self._tangential_kernels.take(down % skin[0] * skin[1] + across % skin[1], axis=2)
+    def tangential_between_cells(self, row: Indices, col: Indices) -> Float32[Array, "5 n n"]:
+        """Return the displacement of each of these cells (rows) by unit tractions on each of them (columns): along x and along y by
+        pressure, along x by shear along x and along y, and along y by shear along y."""
+        rows, cols = self.forward.cells.shape
+        place = row * (2 * cols - 1) + col
+        middle = (rows - 1) * (2 * cols - 1) + cols - 1
+        return self._tangential_kernels.take(np.subtract.outer(place, place - middle), axis=1)
 
     @cached_property
     def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
@@ -271,10 +272,11 @@ class InfluenceKernels:
         return [influence_windows(self.forward.cells, each, self.forward.around) for each in self.forward.compliance]
 
     @cached_property
-    def _tangential_kernels(self) -> Float32[Array, "2 3 skin"]:
-        """The displacement along x and y of all skin under unit tractions on its first cell, skin row after row."""
-        shape = self.forward.cells.patch.shape
-        return np.fft.irfft2(self.forward.tangential_compliance, s=shape).astype(np.float32).reshape(2, 3, -1)
+    def _tangential_kernels(self) -> Float32[Array, "5 places"]:
+        """The displacements of `tangential_between_cells` by the place from the traction, row after row."""
+        (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = self.forward.tangential_compliance
+        each = by_pressure_x, by_pressure_y, xx, xy, yy
+        return np.stack([influence_kernel(self.forward.cells, one, (0, 0)).ravel() for one in each])
 
 
 def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Array:

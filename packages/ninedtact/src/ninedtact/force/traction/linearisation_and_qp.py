@@ -256,18 +256,14 @@ class LinearisedBrightnessProblem:
         of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        carried, modes = self.carries[row, col], self.carried_shear
-        between = self.kernels.tangential_between_cells(row, col)
+        carried, modes = self.carries[row, col], self.carried_shear.T
         step = max(float(carried.max()) / self.growth_steps, 1e-9)
-        weights = np.zeros((2, modes.shape[1], len(row)))
-        for level in range(self.growth_steps):
-            above = carried - level * step
-            held = above > 0
-            if held.any():
-                part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
-                holding = _holding_weights(modes[held], between[:, :, held], held) * part
-                weights += modes[held].T @ modes[held] @ holding
-        weights = np.linalg.solve(_damped(modes.T @ modes), weights)
+        above = carried - step * np.arange(self.growth_steps, dtype=np.float32)[:, None]
+        held = modes * (above > 0)[:, None]
+        part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
+        holding = _holding_weights(held, self.kernels.tangential_between_cells(row, col)) * part[:, None, None]
+        weights = (np.asarray(held @ held.mT)[:, None] @ holding).sum(axis=0)
+        weights = np.linalg.solve(_damped(modes @ modes.T), weights)
         return (self.sticking_part * np.concatenate(list(weights)).T).astype(np.float32)
 
     @cached_property
@@ -347,22 +343,24 @@ class LinearisedBrightnessProblem:
 
 
 def _holding_weights(
-    modes: Float32[Array, "held modes"], between: Float32[Array, "2 3 held n"], held: Bool[Array, " n"]
-) -> Float64[Array, "2 modes n"]:
+    held: Float32[Array, "levels modes n"], between: Float32[Array, "5 n n"]
+) -> Float64[Array, "levels 2 modes n"]:
     """Return the weights of shear modes, along x and along y, that hold the skin of some cells under unit pressure on each cell.
 
-    They are those of the least elastic energy, as Galerkin's method finds them.
+    They are those of the least elastic energy, as Galerkin's method finds them. held: the modes, zero on cells that are not held.
     """
-    (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = between
-    pushed = np.concatenate([modes.T @ by_pressure_x, modes.T @ by_pressure_y])
-    xx, xy, yy = (modes.T @ displacement[:, held] @ modes for displacement in (xx, xy, yy))
-    stiff = np.block([[xx, xy], [xy.T, yy]])
-    return -np.linalg.solve(_damped(stiff), pushed).reshape(2, modes.shape[1], -1)
+    levels, modes, count = held.shape
+    moved = (held.reshape(-1, count) @ between).reshape(5, levels, modes, count)
+    pushed = np.concatenate(list(moved[:2]), axis=1)
+    xx, xy, yy = moved[2:] @ held.mT
+    stiff = np.block([[xx, xy], [xy.mT, yy]])
+    return -np.linalg.solve(_damped(stiff), pushed).reshape(levels, 2, modes, count)
 
 
-def _damped(gram: Float32[Array, "n n"]) -> Float64[Array, "n n"]:
+def _damped(gram: Float32[Array, "*levels n n"]) -> Float64[Array, "*levels n n"]:
     """Return the products of modes with a little damping: neighbouring modes overlap."""
-    return gram.astype(float) + max(MODE_DAMPING * float(gram.max()), 1e-12) * np.eye(len(gram))
+    damping = np.maximum(MODE_DAMPING * gram.max(axis=(-2, -1), keepdims=True).astype(float), 1e-12)
+    return np.asarray(gram + damping * np.eye(gram.shape[-1]))
 
 
 def pressure_precision_spectrum(
