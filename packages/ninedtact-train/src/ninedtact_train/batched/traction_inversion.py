@@ -206,7 +206,7 @@ class BatchedTractionInversion:
         carried = self._carried_shear(index, carries, modes)
         sticking_part = _sticking_part(guess.tractions)
         sticking = self._sticking_weights(index, carries, carried, sticking_part)
-        slope = self._law.slope_per_mm(guess.skin.thickness_change_mm)
+        slope = self._forward.slope_per_mm(self._law.slope_per_mm, guess.skin)
         whitener = self._whitener(observation, guess.misfit)
         jacobian = self._jacobian(index, used, carried, sticking, slope, whitener.per_error)
         curvature = whitener.gram(jacobian).double()

@@ -170,6 +170,13 @@ class ForwardModel:
         thicker_mm = sight.follow(thicker_mm, from_rows @ skin.height_mm @ from_cols)
         return sight.observe(down @ law(thicker_mm) @ across)
 
+    def slope_per_mm(self, slope_per_mm: Callable[[SkinField], SkinField], skin: DeformedSkin) -> SkinField:
+        """Return the derivative of the brightness law on the skin that scatters light into the view, averaged over the parts of
+        each cell: the law has a kink, and an iteration that took cells as wholes would jump to and fro across it."""
+        from_rows, from_cols = self._refining
+        parts = slope_per_mm(from_rows @ skin.thickness_change_mm @ from_cols)
+        return from_rows.T @ parts @ from_cols.T / PARTS_OF_CELL**2
+
     def deform(self, tractions: Tractions) -> DeformedSkin:
         """Return all skin under tractions of the linear gel on the view, with thickness as in `correct_for_finite_strain`."""
         xp, waves, gel = array_namespace_of(tractions), forward_transform(tractions, self.cells.patch.shape), self.gel
