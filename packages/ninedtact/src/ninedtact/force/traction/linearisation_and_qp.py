@@ -25,8 +25,8 @@ from ninedtact.force.traction.brightness_from_traction import (
     SkinField,
     Tractions,
     View,
-    influence_window_indices,
-    influence_windows,
+    influence_kernel,
+    places_between_cells,
 )
 from ninedtact.force.traction.observation import CellGrid
 
@@ -158,13 +158,13 @@ class DiscretePrior:
         common = np.full((len(lattice), 1), self.prior.pull, np.float32)
         return np.concatenate([common, lattice], axis=1)
 
-    def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n rows cols"]:
-        """Return the precision of pressure between each of these cells and all of the view, for a strain of one."""
-        return self._precision_windows[influence_window_indices(self.cells, row, col)]
+    def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n n"]:
+        """Return the precision of pressure between each of these cells and each of them, for a strain of one."""
+        return self._precision_kernel.take(places_between_cells(self.cells, row, col))
 
     @cached_property
-    def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:
-        return influence_windows(self.cells, self.precision_spectrum, (0, 0))
+    def _precision_kernel(self) -> Float32[Array, "tall wide"]:
+        return influence_kernel(self.cells, self.precision_spectrum, (0, 0))
 
     @property
     def precision_spectrum(self) -> Float32[Array, "skin_rows half"]:
@@ -214,8 +214,8 @@ class Whitener:
 class LinearisedBrightnessProblem:
     """The quadratic programme ½ xᵀHx − bᵀx that results from linearising about guessed heights of the skin.
 
-    The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y, as
-    far as they differ from those that the pressure brings with it.
+    The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y. The
+    prior expects the weights that the pressure brings with it.
     """
 
     kernels: InfluenceKernels
@@ -278,7 +278,6 @@ class LinearisedBrightnessProblem:
             for total, each in zip(sheared, shear, strict=True):
                 total += self.carried_shear[batch].T @ each.reshape(len(each), -1)
         jacobian[count:] = self._signal_of_heights(sheared.reshape(2 * modes, *self.kernels.skin_shape))
-        jacobian[:count] += self.sticking_weights @ jacobian[count:]
         return jacobian
 
     @cached_property
@@ -286,11 +285,9 @@ class LinearisedBrightnessProblem:
         """H: the curvature of the misfit plus that of the prior."""
         row, col = self.contact_cells
         count, curvature = len(row), self.whitener.gram(self.jacobian).astype(float)
-        for batch in self._batches:
-            between = self.prior.pressure_precision(row[batch], col[batch])
-            curvature[batch, :count] += between[:, row, col] / self.strain**2
-        weights = np.arange(count, len(curvature))
-        curvature[weights, weights] += 1
+        curvature[:count, :count] += self.prior.pressure_precision(row, col) / self.strain**2
+        by_weight = np.concatenate([-self.sticking_weights.T, np.eye(len(curvature) - count, dtype=np.float32)], axis=1)
+        curvature += by_weight.T @ by_weight
         return curvature
 
     def negative_gradient(self, residual: View) -> Float64[Array, " unknowns"]:
@@ -310,10 +307,8 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         modes = self.carried_shear.shape[1]
         tractions = np.zeros((3, *self.region.shape), np.float32)
-        pressure, weights = unknowns[: len(row)], unknowns[len(row) :]
-        tractions[0, row, col] = pressure
-        weights = weights + pressure @ self.sticking_weights
-        tractions[1:, row, col] = weights.reshape(2, modes) @ self.carried_shear.T
+        tractions[0, row, col] = unknowns[: len(row)]
+        tractions[1:, row, col] = unknowns[len(row) :].reshape(2, modes) @ self.carried_shear.T
         return tractions
 
     def newton_decrement(self, solution: QPSolution, residual: View) -> float:

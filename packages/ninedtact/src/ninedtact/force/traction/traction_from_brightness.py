@@ -368,6 +368,4 @@ def _wrench_operator(problem: LinearisedBrightnessProblem) -> Float64[Array, "6 
     common, turned_x, turned_y = (row[None] @ carried for row in (one, -y / 1e3, x / 1e3))
     along_x = np.concatenate([common, none, none, none, none, turned_x])
     along_y = np.concatenate([none, common, none, none, none, turned_y])
-    sheared = np.concatenate([along_x, along_y], axis=1)
-    pressed += sheared @ problem.sticking_weights.T
-    return np.concatenate([pressed, sheared], axis=1) * cells.patch.cell_area_mm2
+    return np.concatenate([pressed, along_x, along_y], axis=1) * cells.patch.cell_area_mm2
