@@ -256,15 +256,19 @@ class LinearisedBrightnessProblem:
         of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        carried, modes = self.carries[row, col], self.carried_shear.T
-        step = max(float(carried.max()) / self.growth_steps, 1e-9)
-        above = carried - step * np.arange(self.growth_steps, dtype=np.float32)[:, None]
-        held = modes * (above > 0)[:, None]
-        part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
-        holding = _holding_weights(held, self.kernels.tangential_between_cells(row, col)) * part[:, None, None]
-        weights = (np.asarray(held @ held.mT)[:, None] @ holding).sum(axis=0)
-        weights = np.linalg.solve(_damped(modes @ modes.T), weights)
-        return (self.sticking_part * np.concatenate(list(weights)).T).astype(np.float32)
+        order = np.argsort(-self.carries[row, col])  # so that the cells that are in contact at a level are the first ones
+        carried, modes = self.carries[row, col][order], self.carried_shear[order].T
+        between = self.kernels.tangential_between_cells(row[order], col[order])
+        step = max(float(carried[0]) / self.growth_steps, 1e-9)
+        weights = np.zeros((2, *modes.shape))
+        for level in range(self.growth_steps):
+            above = carried - level * step
+            held = modes[:, above > 0]
+            part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
+            weights += (held @ held.T) @ _holding_weights(held, between) * part
+        sticking = np.empty((len(row), 2 * len(modes)), np.float32)
+        sticking[order] = np.linalg.solve(_damped(modes @ modes.T), weights).reshape(-1, len(row)).T
+        return sticking * np.float32(self.sticking_part)
 
     @cached_property
     def jacobian(self) -> Float32[Array, "unknowns cells"]:
@@ -338,24 +342,22 @@ class LinearisedBrightnessProblem:
 
 
 def _holding_weights(
-    held: Float32[Array, "levels modes n"], between: Float32[Array, "5 n n"]
-) -> Float64[Array, "levels 2 modes n"]:
-    """Return the weights of shear modes, along x and along y, that hold the skin of some cells under unit pressure on each cell.
+    modes: Float32[Array, "modes held"], between: Float32[Array, "5 n n"]
+) -> Float64[Array, "2 modes n"]:
+    """Return the weights of shear modes, along x and along y, that hold the skin of the first cells under unit pressure on each cell.
 
-    They are those of the least elastic energy, as Galerkin's method finds them. held: the modes, zero on cells that are not held.
+    They are those of the least elastic energy, as Galerkin's method finds them.
     """
-    levels, modes, count = held.shape
-    moved = (held.reshape(-1, count) @ between).reshape(5, levels, modes, count)
-    pushed = np.concatenate(list(moved[:2]), axis=1)
-    xx, xy, yy = moved[2:] @ held.mT
-    stiff = np.block([[xx, xy], [xy.mT, yy]])
-    return -np.linalg.solve(_damped(stiff), pushed).reshape(levels, 2, modes, count)
+    held = modes.shape[1]
+    pushed = np.concatenate(list(modes @ between[:2, :held]))
+    xx, xy, yy = modes @ between[2:, :held, :held] @ modes.T
+    stiff = np.block([[xx, xy], [xy.T, yy]])
+    return -np.linalg.solve(_damped(stiff), pushed).reshape(2, len(modes), -1)
 
 
-def _damped(gram: Float32[Array, "*levels n n"]) -> Float64[Array, "*levels n n"]:
+def _damped(gram: Float32[Array, "n n"]) -> Float64[Array, "n n"]:
     """Return the products of modes with a little damping: neighbouring modes overlap."""
-    damping = np.maximum(MODE_DAMPING * gram.max(axis=(-2, -1), keepdims=True).astype(float), 1e-12)
-    return np.asarray(gram + damping * np.eye(gram.shape[-1]))
+    return gram.astype(float) + max(MODE_DAMPING * float(gram.max()), 1e-12) * np.eye(len(gram))
 
 
 def pressure_precision_spectrum(
