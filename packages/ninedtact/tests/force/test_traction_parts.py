@@ -121,7 +121,8 @@ def test_pressure_brings_the_shear_that_holds_a_flat_contact_and_less_where_the_
     grown = replace(line, carries=carries)
     at_once = replace(grown, growth_steps=1)
     shear, more = (
-        np.abs(each.tractions(np.concatenate([cone, cone @ each.sticking_weights]))[1:]).sum() for each in (grown, at_once)
+        np.abs(each.tractions(np.concatenate([cone, cone @ each.sticking_weights]))[1:]).sum()
+        for each in (grown, at_once)
     )
     assert 0.5 * more < shear < 0.95 * more
 

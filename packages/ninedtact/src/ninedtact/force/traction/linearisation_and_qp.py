@@ -256,7 +256,9 @@ class LinearisedBrightnessProblem:
         of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        order = np.argsort(-self.carries[row, col])  # so that the cells that are in contact at a level are the first ones
+        order = np.argsort(
+            -self.carries[row, col]
+        )  # so that the cells that are in contact at a level are the first ones
         carried, modes = self.carries[row, col][order], self.carried_shear[order].T
         between = self.kernels.tangential_between_cells(row[order], col[order])
         step = max(float(carried[0]) / self.growth_steps, 1e-9)
@@ -344,9 +346,9 @@ class LinearisedBrightnessProblem:
 def _holding_weights(
     modes: Float32[Array, "modes held"], between: Float32[Array, "5 n n"]
 ) -> Float64[Array, "2 modes n"]:
-    """Return the weights of shear modes, along x and along y, that hold the skin of the first cells under unit pressure on each cell.
+    """Return the weights of shear modes, along x and along y, that hold the skin of some cells under unit pressure on each cell.
 
-    They are those of the least elastic energy, as Galerkin's method finds them.
+    They are those of the least elastic energy, as Galerkin's method finds them. The cells that are held are the first ones.
     """
     held = modes.shape[1]
     pushed = np.concatenate(list(modes @ between[:2, :held]))
