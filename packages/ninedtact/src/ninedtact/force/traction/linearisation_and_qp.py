@@ -195,12 +195,8 @@ class Whitener:
 
     def gram(self, columns: Float32[Array, "n cells"]) -> Float32[Array, "n n"]:
         """Return the products of fields that are divided by their errors already."""
-        from scipy.linalg.blas import ssyrk
-
         common = columns @ (self.level_std * self.per_error.ravel())
-        upper = ssyrk(1.0, columns.T, trans=1)
-        gram = upper + upper.T
-        np.fill_diagonal(gram, upper.diagonal())
+        gram = columns @ columns.T
         gram -= np.outer(common, common) * np.float32(self._level_gain)
         return gram
 
@@ -353,7 +349,7 @@ def _holding_weights(
     held = modes.shape[1]
     pushed = np.concatenate(list(modes @ between[:2, :held]))
     xx, xy, yy = modes @ between[2:, :held, :held] @ modes.T
-    stiff = np.block([[xx, xy], [xy.T, yy]])
+    stiff = np.concatenate([np.concatenate(row, axis=1) for row in ((xx, xy), (xy.T, yy))])
     return -np.linalg.solve(_damped(stiff), pushed).reshape(2, len(modes), -1)
 
 
