@@ -211,11 +211,12 @@ class BatchedTractionInversion:
         jacobian = self._jacobian(index, used, carried, slope, whitener.per_error)
         curvature = whitener.gram(jacobian).double()
         curvature[:, :cells, :cells] += self._prior_precision(observation, index, used)
-        identity = torch.eye(2 * modes, device=used.device).expand(len(used), -1, -1)
-        by_weight = torch.cat([-(sticking * used[..., None]).mT, identity], 2)
-        curvature += by_weight.mT @ by_weight
+        brought = (sticking * used[..., None]).double()
+        curvature[:, :cells, :cells] += brought @ brought.mT
+        curvature[:, :cells, cells:] -= brought
+        curvature[:, cells:, :cells] -= brought.mT
         # Padding has a curvature of one, which keeps it at zero.
-        curvature[:, :cells, :cells].diagonal(0, 1, 2).add_(1 - used)
+        curvature.diagonal(0, 1, 2).add_(torch.cat([1 - used, used.new_ones(len(used), 2 * modes)], 1))
         return BatchedProblem(index, used, carried, jacobian, curvature, slope, whitener, sticking_part)
 
     def _carries(self, region: Views, pressure: Views) -> Views:

@@ -286,11 +286,13 @@ class LinearisedBrightnessProblem:
     def curvature(self) -> Float64[Array, "unknowns unknowns"]:
         """H: the curvature of the misfit plus that of the prior."""
         row, col = self.contact_cells
-        count, curvature = len(row), self.whitener.gram(self.jacobian).astype(float)
-        curvature[:count, :count] += self.prior.pressure_precision(row, col) / self.strain**2
-        by_weight = np.concatenate([-self.sticking_weights.T, np.eye(len(curvature) - count, dtype=np.float32)], axis=1)
-        curvature += by_weight.T @ by_weight
-        return curvature
+        count, brought, curvature = len(row), self.sticking_weights, self.whitener.gram(self.jacobian)
+        curvature[:count, :count] += self.prior.pressure_precision(row, col) * np.float32(1 / self.strain**2)
+        curvature[:count, :count] += brought @ brought.T
+        curvature[:count, count:] -= brought
+        curvature[count:, :count] -= brought.T
+        np.einsum("ii->i", curvature)[count:] += 1
+        return curvature.astype(float)
 
     def negative_gradient(self, residual: View) -> Float64[Array, " unknowns"]:
         """Return b for a residual (r): Jᵀ times the whitened residual."""
