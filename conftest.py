@@ -45,7 +45,7 @@ _LONGEST_FILES = (
     "test_force_calibration_page.py",
     "test_force_journeys.py",
     "test_pressing_by_hand.py",
-    "test_second_ball.py",
+    "test_second_press.py",
     "test_examples.py",
     "test_twin_fit.py",
     "test_docs.py",

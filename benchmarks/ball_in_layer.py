@@ -1,7 +1,8 @@
-"""A rigid ball pressed step by step into a neo-Hookean layer whose skin sticks to it where it touches.
+"""A rigid ball, or the flat end of a rod with a rounded edge, pressed step by step into a neo-Hookean layer whose skin sticks to it
+where it touches.
 
-Contact is a stiff penalty at the integration points of the skin. A point that touches keeps its place on the ball; one that
-has not touched yet would touch straight below the ball's point above it, as in the linear model.
+Contact is a stiff penalty at the integration points of the skin. A point that touches keeps its place on the object; one that
+has not touched yet would touch straight below the object's point above it, as in the linear model.
 """
 
 from collections.abc import Iterable, Iterator
@@ -31,23 +32,26 @@ class PressFailed(Exception):
 
 @dataclass(frozen=True)
 class Touch:
-    """What the ball does to the points of the skin."""
+    """What the object does to the points of the skin."""
 
     traction: Float[Array, "facets points 2"]
     """Per untouched area."""
     slope: Float[Array, "facets points 2 2"]
     """Its derivative by the point's place."""
     touches: Float[Array, "facets points"]
-    rest_rad: Float[Array, "facets points"]
-    """Place on the ball, from its lowest point, at which each point bears no shear."""
+    rest_mm: Float[Array, "facets points"]
+    """Place on the object, along it from its middle, at which each point bears no shear."""
 
 
 @dataclass(frozen=True)
 class Press:
-    """The layer in balance with the ball at one depth."""
+    """The layer in balance with the object at one depth."""
 
     parts: Parts
-    ball_radius_mm: float
+    radius_mm: float
+    """Radius of the ball, or of the edge of the flat end."""
+    face_mm: float
+    """Radius of the flat face inside that edge; zero for a ball."""
     depth_mm: float
     moved: Float[Array, " unknowns"]
     pressures: Float[Array, "elements 3"]
@@ -65,9 +69,9 @@ class Press:
         return r, self.moved[across], self.moved[up]
 
 
-def follow(parts: Parts, ball_radius_mm: float, depths_mm: Iterable[float]) -> Iterator[Press]:
+def follow(parts: Parts, radius_mm: float, depths_mm: Iterable[float], face_mm: float = 0.0) -> Iterator[Press]:
     """Balance at each depth in turn; raises `PressFailed`."""
-    last = Press(parts, ball_radius_mm, 0.0, np.zeros(parts.inside.N), np.zeros((len(parts.unknowns_of), 3)))
+    last = Press(parts, radius_mm, face_mm, 0.0, np.zeros(parts.inside.N), np.zeros((len(parts.unknowns_of), 3)))
     for depth in depths_mm:
         last = pressed_on(last, depth)
         yield last
@@ -86,7 +90,7 @@ def pressed_on(last: Press, depth_mm: float) -> Press:
 
 def balanced(last: Press, depth_mm: float) -> Press | None:
     """Newton's method from the last balance; None if it does not get there."""
-    parts, press, rest = last.parts, replace(last, depth_mm=depth_mm), rest_rad(last)
+    parts, press, rest = last.parts, replace(last, depth_mm=depth_mm), rest_mm(last)
     for _ in range(NEWTON_STEPS):
         touch = touched(press, rest)
         body = inner(parts, press.moved, press.pressures)
@@ -120,31 +124,36 @@ def skin_now(parts: Parts, moved: Array) -> Float[Array, "facets points 2"]:
     return parts.skin_place_mm + np.einsum("fpij,fj->fpi", parts.skin_motion, moved[parts.skin.element_dofs.T])
 
 
-def rest_rad(last: Press) -> Float[Array, "facets points"]:
-    """Place on the ball at which each point bears no shear."""
+def rest_mm(last: Press) -> Float[Array, "facets points"]:
+    """Place on the object at which each point bears no shear."""
     across = skin_now(last.parts, last.moved)[..., 0]
-    below = np.arcsin(np.clip(across / last.ball_radius_mm, 0, 1))
-    return below if last.touch is None else np.where(last.touch.touches, last.touch.rest_rad, below)
+    on_face = np.minimum(across, last.face_mm)
+    below = on_face + last.radius_mm * np.arcsin(np.clip((across - on_face) / last.radius_mm, 0, 1))
+    return below if last.touch is None else np.where(last.touch.touches, last.touch.rest_mm, below)
 
 
 def touched(press: Press, rest: Float[Array, "facets points"]) -> Touch:
-    """Pressure along the ball's radius by overlap, and shear along its meridian by the way from rest."""
-    radius = press.ball_radius_mm
-    centre = np.array([0, press.parts.layer.top_mm - press.depth_mm + radius])
-    arm = skin_now(press.parts, press.moved) - centre
+    """Pressure along the object's normal by overlap, and shear along its meridian by the way from rest."""
+    radius = press.radius_mm
+    place = skin_now(press.parts, press.moved)
+    on_face = np.minimum(place[..., 0], press.face_mm)
+    centre_z = press.parts.layer.top_mm - press.depth_mm + radius
+    arm = np.stack([place[..., 0] - on_face, place[..., 1] - centre_z], axis=-1)
     distance = np.linalg.norm(arm, axis=-1)
     out = arm / distance[..., None]
     along = np.stack([-out[..., 1], out[..., 0]], axis=-1)
-    angle = np.arctan2(arm[..., 0], -arm[..., 1])
+    is_curved = place[..., 0] > press.face_mm
+    way = on_face + radius * np.arctan2(arm[..., 0], -arm[..., 1])
     touches = distance < radius
     overlap = np.where(touches, radius - distance, 0)
     stiffening = np.minimum(overlap / SOFT_MM, 1)
     pressure = STIFFNESS * stiffening * (overlap - stiffening * SOFT_MM / 2)
-    shear = -STIFFNESS * radius * np.where(touches, angle - rest, 0)
+    shear = -STIFFNESS * np.where(touches, way - rest, 0)
+    curvature, way_per_mm = is_curved / distance, np.where(is_curved, radius / distance, 1.0)
     slope = (
         scaled(-STIFFNESS * stiffening, out, out)
-        + scaled((pressure - STIFFNESS * radius * touches) / distance, along, along)
-        - scaled(shear / distance, out, along)
+        + scaled(pressure * curvature - STIFFNESS * way_per_mm * touches, along, along)
+        - scaled(shear * curvature, out, along)
     )
     return Touch(pressure[..., None] * out + shear[..., None] * along, slope, touches, rest)
 

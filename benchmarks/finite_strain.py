@@ -1,4 +1,5 @@
-"""Gel on a base at finite strain: a ball pressed into axisymmetric finite elements, beside the corrected linear contact.
+"""Gel on a base at finite strain: a ball, or the flat end of a rod, pressed into axisymmetric finite elements, beside the corrected
+linear contact.
 
 The finite elements (neo_hookean.py, ball_in_layer.py) are neo-Hookean and incompressible in both layers; the skin sticks where it
 touches, and friction is 1 in the linear contact. The shear modulus of the gel is 1, so that loads are in mm². The base has 9.2 mm.
@@ -20,19 +21,27 @@ from ninedtact.design import Gel
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.finite_strain import correct_for_finite_strain, finite_strain_thickening_terms_mm
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.skin import PeriodicGrid, gel_skin
 
 BASE_MM = 9.2
 BASE_RATIOS = (0.0, 20.0, 10.0, 5.0, 3.0)
 """Modulus of the base over that of the gel; zero is a rigid base."""
-CASES = (*((2.0, 4.0, ratio) for ratio in BASE_RATIOS), (2.5, 4.0, 10.0), (2.0, 2.0, 10.0))
-"""Thickness of the gel, radius of the ball and ratio; the last two were not used to find the constants."""
+FLAT_END = FlatPunch(3.0, 0.3)
+CASES: tuple[tuple[float, Ball | FlatPunch, float], ...] = (
+    *((2.0, Ball(4.0), ratio) for ratio in BASE_RATIOS),
+    (2.5, Ball(4.0), 10.0),
+    (2.0, Ball(2.0), 10.0),
+    *((2.5, FLAT_END, ratio) for ratio in (0.0, 10.0, 5.0)),
+)
+"""Thickness of the gel, object and ratio; only the first five were used to find the constants."""
 GRID = PeriodicGrid(160, 160, 0.2)
 STEP_MM = 0.1
 DEEPEST = 1.2
-"""Depth over thickness; 0.8 on a rigid base."""
+"""Depth over thickness; 0.8 on a rigid base, and 0.32 (0.8 mm) under the flat end."""
+RIM_MM = 0.7
+"""Distance from the rim of a flat end within which the calibration fits nothing."""
 WITHIN_MM = 8.0
 
 
@@ -44,8 +53,18 @@ class Pair:
     linear: Contact
 
     @property
+    def is_flat(self) -> bool:
+        return self.elements.face_mm > 0
+
+    def corrected_thinning_mm(self, corrected: Contact) -> float:
+        """Thinning in the middle of the corrected contact."""
+        rows, cols = corrected.thickness_change_mm.shape
+        middle = corrected.thickness_change_mm[rows // 2 - 1 : rows // 2 + 1, cols // 2 - 1 : cols // 2 + 1]
+        return float(-middle.mean()) if self.is_flat else float(-corrected.thickness_change_mm.min())
+
+    @property
     def thinning_mm(self) -> float:
-        """Greatest thinning of the finite elements."""
+        """Thinning of the finite elements in the middle."""
         parts, moved = self.elements.parts, self.elements.moved
         (_, _, up), (_, _, below) = parts.skin_nodes, parts.nodes_at(parts.layer.base_thickness_mm)
         return float(moved[below[0]] - moved[up[0]])
@@ -64,15 +83,19 @@ class Pair:
         return self.height_mm(radius_mm) - np.interp(radius_mm, r + moved[across], moved[up])
 
 
-def finite_strain(quick: bool = False, json: bool = False, fit: bool = False, element_mm: float = 0.2) -> None:
-    """Print the figures of all cases, a quarter of an hour; quick: one case, coarse and shallow."""
+def finite_strain(
+    quick: bool = False, json: bool = False, fit: bool = False, only_flat: bool = False, element_mm: float = 0.2
+) -> None:
+    """Print the figures of all cases, a quarter of an hour; quick: two cases, coarse and shallow; only_flat: of the flat end."""
     figures: list[Figure] = []
-    for thickness_mm, ball_mm, ratio in CASES[3:4] if quick else CASES:
-        deepest_mm = thickness_mm * (0.3 if quick else 0.8 if ratio == 0 else DEEPEST)
-        pairs = list(press_both(thickness_mm, ball_mm, ratio, deepest_mm, 0.4 if quick else element_mm))
-        name = (
-            f"{thickness_mm:g} mm of gel, ball {ball_mm:g} mm, base {f'{ratio:g} times as stiff' if ratio else 'rigid'}"
-        )
+    some = [CASES[3], CASES[-2]] if quick else [case for case in CASES if not only_flat or case[1] == FLAT_END]
+    for thickness_mm, pressed, ratio in some:
+        is_flat = isinstance(pressed, FlatPunch)
+        share = 0.32 if is_flat else 0.3 if quick else 0.8 if ratio == 0 else DEEPEST
+        pairs = list(press_both(thickness_mm, pressed, ratio, thickness_mm * share, 0.4 if quick else element_mm))
+        base = f"{ratio:g} times as stiff" if ratio else "rigid"
+        kind = "flat end" if is_flat else "ball"
+        name = f"{thickness_mm:g} mm of gel, {kind} {pressed.radius_mm:g} mm, base {base}"
         figures += figures_of(name, pairs)
         if fit:
             figures += best_constants(name, pairs)
@@ -80,7 +103,7 @@ def finite_strain(quick: bool = False, json: bool = False, fit: bool = False, el
 
 
 def press_both(
-    thickness_mm: float, ball_mm: float, ratio: float, deepest_mm: float, element_mm: float
+    thickness_mm: float, pressed: Ball | FlatPunch, ratio: float, deepest_mm: float, element_mm: float
 ) -> Iterator[Pair]:
     """Press both models step by step, as deep as the finite elements find a balance."""
     layer = Layer(
@@ -95,11 +118,18 @@ def press_both(
     contact = model.initial_contact()
     depths_mm = np.round(np.arange(STEP_MM, deepest_mm + 1e-9, STEP_MM), 3).tolist()
     try:
-        for press in follow(Parts(layer), ball_mm, depths_mm):
-            contact = model.step(contact, Ball(ball_mm), Pose(depth_mm=press.depth_mm))
+        for press in follow(Parts(layer), *meridian_of(pressed, depths_mm)):
+            contact = model.step(contact, pressed, Pose(depth_mm=press.depth_mm))
             yield Pair(press, contact)
     except PressFailed:
         return
+
+
+def meridian_of(pressed: Ball | FlatPunch, depths_mm: list[float]) -> tuple[float, list[float], float]:
+    """Return radius of the ball or of the edge, the depths, and the radius of the flat face."""
+    if isinstance(pressed, Ball):
+        return pressed.radius_mm, depths_mm, 0.0
+    return pressed.edge_mm, depths_mm, pressed.radius_mm - pressed.edge_mm
 
 
 def figures_of(name: str, pairs: list[Pair]) -> list[Figure]:
@@ -110,8 +140,10 @@ def figures_of(name: str, pairs: list[Pair]) -> list[Figure]:
     for pair in pairs[len(pairs) // 5 :]:
         corrected = correct_for_finite_strain(pair.linear)
         loads.append(float(corrected.pressure_mpa.sum()) * GRID.cell_area_mm2 / pair.elements.load - 1)
-        thinnings.append(float(-corrected.thickness_change_mm.min()) / pair.thinning_mm - 1)
+        thinnings.append(pair.corrected_thinning_mm(corrected) / pair.thinning_mm - 1)
         beside = (pair.linear.pressure_mpa <= 0) & (radius_mm < WITHIN_MM)
+        if pair.is_flat:
+            beside &= radius_mm > FLAT_END.radius_mm + RIM_MM
         height_mm, thickness_mm = pair.height_mm(radius_mm), pair.thickness_change_mm(radius_mm)
         both = corrected, pair.linear
         for each, found, true_mm in (
@@ -122,10 +154,10 @@ def figures_of(name: str, pairs: list[Pair]) -> list[Figure]:
             errors_um[each].append((next(rms_um), next(rms_um)))
     return [
         at_most(f"{name}: load, largest error, %", 100 * max(map(abs, loads)), 4.0),
-        at_most(f"{name}: greatest thinning, largest error, %", 100 * max(map(abs, thinnings)), 4.0),
+        at_most(f"{name}: thinning in the middle, largest error, %", 100 * max(map(abs, thinnings)), 4.0),
         *(
             Figure(
-                f"{name}: {each} beside the ball, largest RMS, µm",
+                f"{name}: {each} beside it, largest RMS, µm",
                 max(corrected for corrected, _ in errors),
                 peer=round(max(linear for _, linear in errors), 1),
             )

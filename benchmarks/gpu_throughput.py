@@ -161,49 +161,54 @@ class Motion:
 
 
 def rates(device: Device, many: int, pitch_mm: float, sizes: Sequence[str], seconds: float) -> Iterator[Figure]:
-    """Yield environment steps per second: contact and wrench alone, and with an image of each size."""
+    """Yield the rates of one batch, and the memory that it takes of a GPU; why there are none where the device refuses."""
     name = f"{many} environments, {pitch_mm:g} mm"
     device.release_memory()
     try:
-        motion = Motion(device, many, pitch_mm, sizes[0])
-        for _ in range(WARM_UP if seconds else 1):
-            press = motion.next()
-        step_s, press = timed(motion, motion.next, seconds)
-        refused = int(motion.batch.refused.sum())
-        yield Figure(
-            f"{name}: contact and wrench per s", many / step_s, peer=f"{1e3 * step_s:.3g} ms, {refused} refused"
-        )
-        for size in sizes:
-            batch = motion.batch
-            vars(batch).pop("_renderer", None), vars(batch).pop("_reference", None)
-            batch.renderer = setup_at(pitch_mm, size).renderer.renderer
-            batch.images(press)
-            image_s, _ = timed(motion, lambda batch=batch: batch.images(press), seconds / 3)
-            each = f"{name}, with image {size} per s"
-            required, per_s = REQUIRED.get((many, pitch_mm, size)), many / (step_s + image_s)
-            took = f"image {1e3 * image_s:.3g} ms"
-            if required and device.kind == "cuda":
-                yield at_least(each, per_s, required, "per s")
-            else:
-                yield Figure(each, per_s, peer=took)
-        images, physics = batch.images(press), batched_physics(batch)
-        for what, call in (("heights", physics.reader), ("heights and force", physics)):
-            call(images)
-            reading_s, _ = timed(motion, lambda call=call: call(images), seconds / 3)
-            each, per_s = f"{name}, with image {size}, estimated {what} per s", many / (step_s + image_s + reading_s)
-            required = ESTIMATES_REQUIRED if what != "heights" and many >= REQUIRED_OF else None
-            took = f"{what} {1e3 * reading_s:.3g} ms"
-            if required and device.kind == "cuda":
-                yield at_least(each, per_s, required, "per s")
-            else:
-                yield Figure(each, per_s, peer=took)
+        yield from step_rates(Motion(device, many, pitch_mm, sizes[0]), name, sizes, seconds)
         if device.kind == "cuda":
             yield Figure(f"{name}: memory, GB", torch.cuda.max_memory_allocated() / 1e9)
             torch.cuda.reset_peak_memory_stats()
-    except (RuntimeError, DeviceError) as error:
-        if isinstance(error, RuntimeError) and not is_out_of_memory(error):
+    except DeviceError as error:
+        yield Figure(name, str(error))
+    except RuntimeError as error:
+        if not is_out_of_memory(error):
             raise
         yield Figure(name, "out of memory")
+
+
+def step_rates(motion: Motion, name: str, sizes: Sequence[str], seconds: float) -> Iterator[Figure]:
+    """Yield environment steps per second: contact and wrench alone, with an image of each size, and with what is read from it."""
+    batch, many = motion.batch, motion.many
+    on_gpu = motion.device.kind == "cuda"
+
+    def per_s(what: str, step_s: float, took: str, required: float | None = None) -> Figure:
+        each = f"{name}, with {what} per s"
+        return (
+            at_least(each, many / step_s, required, "per s")
+            if required and on_gpu
+            else Figure(each, many / step_s, took)
+        )
+
+    for _ in range(WARM_UP if seconds else 1):
+        press = motion.next()
+    contact_s, press = timed(motion, motion.next, seconds)
+    refused = f"{1e3 * contact_s:.3g} ms, {int(batch.refused.sum())} refused"
+    yield Figure(f"{name}: contact and wrench per s", many / contact_s, peer=refused)
+    for size in sizes:
+        vars(batch).pop("_renderer", None), vars(batch).pop("_reference", None)
+        batch.renderer = setup_at(motion.pitch_mm, size).renderer.renderer
+        images = batch.images(press)
+        image_s, _ = timed(motion, lambda: batch.images(press), seconds / 3)
+        required = REQUIRED.get((many, motion.pitch_mm, size))
+        yield per_s(f"image {size}", contact_s + image_s, f"image {1e3 * image_s:.3g} ms", required)
+    physics, seen_s = batched_physics(batch), contact_s + image_s
+    for what, call in (("heights", physics.reader), ("heights and force", physics)):
+        call(images)
+        reading_s, _ = timed(motion, lambda call=call: call(images), seconds / 3)
+        required = ESTIMATES_REQUIRED if what != "heights" and many >= REQUIRED_OF else None
+        took = f"{what} {1e3 * reading_s:.3g} ms"
+        yield per_s(f"image {size}, estimated {what}", seen_s + reading_s, took, required)
 
 
 class DeviceWork(TorchDispatchMode):

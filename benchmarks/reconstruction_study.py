@@ -6,7 +6,8 @@ are of a real sensor, with the depth told by the rule of the disc's edge: not th
 
 The objects are pressed on the twin that the calibration itself gives, so that only the reading errs, and read by `physics`, which
 knows nothing of them. Every sensor meets other families and other objects. With `--presses 0` there are no balls but these objects.
-Beside the heights that are read stand those that the solved tractions have on the skin of the force estimate, and means of both.
+Beside the heights that are read stand those that the solved tractions have on the skin of the force estimate, and means of both,
+and the true skin without the waves that scattering hides: what no reading that adds nothing of its own can improve on.
 """
 
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_most
 from real_images import calibrated
+from scipy.fft import dctn, idctn
 from scipy.ndimage import map_coordinates
 
 from ninedtact import (
@@ -61,6 +63,9 @@ LOADS_N = (4.0, 10.0)
 PUBLISHED = {"MAE": 0.0462, "Std": 0.0304}
 ASSUMED = "base that yields"
 OBJECTS_PER_SENSOR = 16
+LEAST_LEFT = 0.14, 0.03
+"""Shares of a wave that scattering leaves, from which on it counts as seen: about that of the deblurring, and one at which the
+noise of the camera, amplified by its reciprocal, is as large as what the waves beyond add."""
 KINDS: dict[str, MechanicsShares] = {
     ASSUMED: MechanicsShares(rigid_base=0.0, linear=0.0),
     "rigid base": MechanicsShares(rigid_base=1.0, linear=0.0),
@@ -84,6 +89,8 @@ class ObjectPress:
     """MAE of the skin under the tractions of the force estimate."""
     mae_of_both: float
     """MAE of the mean of both heights."""
+    mae_of_seen: tuple[float, ...]
+    """MAE of the true skin without the waves that scattering hides, for each of `LEAST_LEFT`."""
 
     @property
     def is_near(self) -> bool:
@@ -145,6 +152,11 @@ def object_figures(presses: list[ObjectPress]) -> Iterator[Figure]:
                 ("heights of the solved tractions", [press.mae_of_tractions for press in these]),
                 ("mean of both heights", [press.mae_of_both for press in these]),
             ):
+                yield Figure(f"{name}: {what}, MAE, mean and worst (µm)", f"{np.mean(values):.0f}, {max(values):.0f}")
+            for share, values in zip(
+                LEAST_LEFT, zip(*(press.mae_of_seen for press in these), strict=True), strict=True
+            ):
+                what = f"true skin without waves of which scattering leaves less than {share:g}"
                 yield Figure(f"{name}: {what}, MAE, mean and worst (µm)", f"{np.mean(values):.0f}, {max(values):.0f}")
         else:
             yield Figure(f"{name}: MAE, mean, and worst, {worst.name} (µm)", f"{mean_mae:.0f}, {worst.mae:.0f}")
@@ -230,6 +242,15 @@ class StudiedSensor:
                 1e3 * (found - deepest),
                 1e3 * reader.max_indentation_error_mm(read),
                 *mae_of_tractions_um(force.estimate(reading).traction, read, pressed),
+                tuple(
+                    1e3
+                    * float(
+                        np.abs(seen_skin_mm(true, own.renderer.light.point_spread_mm, share) - true.z_mm)[
+                            is_deep
+                        ].mean()
+                    )
+                    for share in LEAST_LEFT
+                ),
             )
 
 
@@ -255,6 +276,13 @@ def mae_of_tractions_um(traction: Traction | None, read: HeightMap, true: Contac
         1e3 * float(np.abs(z_mm - true_mm)[is_deep].mean()) for z_mm in (solved_mm, (solved_mm + upright.z_mm) / 2)
     )
     return of_tractions, of_both
+
+
+def seen_skin_mm(true: HeightMap, point_spread_mm: float, least_left: float) -> np.ndarray:
+    """Return the true skin without the waves of which scattering leaves less than a share, with a soft limit (Wiener's)."""
+    rows, cols = (np.pi * np.arange(side) / side / true.mm_per_px for side in true.z_mm.shape)
+    left = np.exp(-(point_spread_mm**2) / 2 * (rows[:, None] ** 2 + cols**2))
+    return idctn(dctn(true.z_mm) * left**2 / (left**2 + least_left**2))
 
 
 def heights_of_tractions(traction: Traction, like: HeightMap) -> np.ndarray:

@@ -30,27 +30,44 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import Twin
-from ninedtact.tracking import ContactTracker, SlipEstimate, SlipEstimator, SlipSample, SlipState
+from ninedtact.tracking import ContactTracker, SlipEstimate, SlipEstimator, SlipSample, SlipState, TrackedContacts
 from ninedtact.tracking.contact_tracker import CONTACT_CENTRE_STD_MM, load_std_n
 
 SENSORS, HELD_OUT = ("sensor_a", "sensor_i"), ("L", "P", "R")
 OBJECTS = (
+    ("gear_07", 0.4, 0.3),
     ("ball:5", 0.6, 0.6),
     ("ball:3", 0.9, 0.6),
     ("ellipsoid:6,4,4", 0.5, 0.6),
-    ("gear_07", 0.4, 0.3),
     ("cross_03", 0.7, 0.3),
     ("torus_02", 0.8, 0.4),
 )
 """Objects, their friction and depth in mm; the constants of `tracking.slip` were chosen on the published design with others."""
 START_MM, SPEED_MM_S, HELD_DEPTH_MM = (-1.5, -0.4), 6.0, 0.6
+ROUND = "ball", "torus"
+"""Objects of which no image shows a turn."""
 DRAGGED = MOTION_KINDS[:5]
 """Motions without a turn or a tilt."""
 STATES = SlipState.STATIC, SlipState.INCIPIENT, SlipState.GROSS
 FLICKER, FLICKER_HZ, SETTLING = 0.01, 0.75, 6
 HELD_S = np.array([0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1200.0])
 """Times of a hold at which the relaxed gel is rendered."""
+SEEN_TURN_RAD = 0.05
+"""Standard deviation of a turn up to which its torque is measured."""
 MOST_FINGERTIPS = 4
+
+
+@dataclass(frozen=True)
+class Torques:
+    """The torque about z in N·mm."""
+
+    true: float
+    of_image: float
+    """What the image alone shows."""
+    followed: float
+    """With what the turn of the object shows."""
+    std: float
+    """Stated error of the latter."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +78,10 @@ class Step:
     found: SlipEstimate
     slid_mm: float
     """Distance that the object has slid on the skin since the last gross slip began."""
+    torques: Torques | None
+    """None where the turn of the object is not seen."""
+    by_true_loads: SlipEstimate
+    """What is found of the twin's own displacement and loads, the most that `SlipEstimator` can tell."""
     found_in_s: float
     """Processor time."""
 
@@ -89,15 +110,45 @@ class Rig:
 
 def follow(rig: Rig, indenter: Indenter, settings: MotionSettings, kind: str) -> Iterator[Step]:
     """Yield what is true and what is found while an object moves."""
-    tracker, slid_mm = ContactTracker(), 0.0
+    tracker, judge, slid_mm = ContactTracker(), SlipEstimator(), 0.0
     rig.estimator.forget()
     for number, step in enumerate(play_motion(rig.twin, indenter, settings.motion(kind))):
         truth = step.slip
         slid_mm = slid_mm + truth.speed_mm_s / HZ if truth.state == SlipState.GROSS else 0.0
         reading = rig.read(step.press, number)
         began = process_time()
-        found = tracker.update(reading).slip
-        yield Step(truth, found, slid_mm, process_time() - began)
+        found = tracker.update(reading)
+        spent_s = process_time() - began
+        pose, force_n = step.press.pose, step.press.wrench.force_n
+        by_true_loads = judge.update(sample_of(np.array([pose.x_mm, pose.y_mm, *force_n]), number))
+        yield Step(truth, found.slip, slid_mm, torques(step.press, found), by_true_loads, spent_s)
+
+
+def sample_of(row: np.ndarray, number: int) -> SlipSample:
+    """Return the sample of an image: displacement along x and y, and force."""
+    return SlipSample((number + 1) / HZ, row[:2], row[2:4], -float(row[4]), CONTACT_CENTRE_STD_MM, load_std_n(row[4]))
+
+
+def torques(press: Press, found: TrackedContacts) -> Torques | None:
+    """Return the torques of one image; None where no torque is seen in the turn of the object."""
+    alone, followed = found.reading.force, found.force
+    if alone is None or followed is None or not found.contacts or not 0 < found.motion.std[5] < SEEN_TURN_RAD:
+        return None
+    numbers = press.wrench.six[5], alone.about_skin_centre().wrench.six[5], followed.wrench.six[5], followed.std[5]
+    return Torques(*(1e3 * float(number) for number in numbers))
+
+
+def torque_figures(name: str, twists: Sequence[Sequence[Step]]) -> Iterator[Figure]:
+    """Yield the errors of the torque of twists whose turn is seen, over the torque: root mean squares over all images."""
+    seen = [one for steps in twists for step in steps if (one := step.torques) is not None]
+    if not seen:
+        return
+    true, alone, followed, std = np.array([[one.true, one.of_image, one.followed, one.std] for one in seen]).T
+    errors = [float(np.sqrt(np.mean((of - true) ** 2) / np.mean(true**2))) for of in (alone, followed)]
+    within = [float(np.mean(np.abs(followed - true) < times * std)) for times in (1, 2)]
+    label = f"{name}: twists whose turn is seen in {len(seen)} of {sum(map(len, twists))} images, error of T_z over T_z"
+    yield Figure(f"{label}: followed; of the image alone", errors[1], peer=errors[0])
+    yield Figure(f"{label}: followed, within 1σ, 2σ", f"{within[0]:.2f}, {within[1]:.2f}")
 
 
 @dataclass(frozen=True)
@@ -151,9 +202,7 @@ def alarms_in_hold(rows: np.ndarray, moving: int) -> int:
     """Return the number of gross slips after an object has come to rest."""
     estimator, alarms, was_gross = SlipEstimator(), 0, False
     for number, row in enumerate(rows):
-        normal_n = -float(row[4])
-        errors = CONTACT_CENTRE_STD_MM, load_std_n(normal_n)
-        found = estimator.update(SlipSample((number + 1) / HZ, row[:2], row[2:4], normal_n, *errors))
+        found = estimator.update(sample_of(row, number))
         alarms += found.state == SlipState.GROSS and not was_gross and number > moving + SETTLING
         was_gross = found.state == SlipState.GROSS
     return alarms
@@ -252,11 +301,12 @@ def states_of(step: Step) -> tuple[SlipState, SlipState]:
     return SlipState(step.truth.state), step.found.state
 
 
-def confusion(sequences: Sequence[Sequence[Step]]) -> np.ndarray:
+def confusion(sequences: Sequence[Sequence[Step]], by_true_loads: bool = False) -> np.ndarray:
     """Return the number of images by true state (rows) and found state (columns); unknown counts as static."""
     counts = np.zeros((3, 3), int)
     for step in (step for steps in sequences for step in steps):
         true, found = states_of(step)
+        found = step.by_true_loads.state if by_true_loads else found
         if true in STATES:
             counts[STATES.index(true), STATES.index(found) if found in STATES else 0] += 1
     return counts
@@ -267,13 +317,27 @@ def f1_scores(counts: np.ndarray) -> np.ndarray:
     return 2 * np.diag(counts) / np.maximum(counts.sum(axis=0) + counts.sum(axis=1), 1)
 
 
-def friction_error(steps: Sequence[Step], friction: float) -> float | None:
-    """Return the relative error of friction after 2 mm of slip; None where the object did not slide so far."""
+@dataclass(frozen=True)
+class FrictionError:
+    """The relative error of friction after 2 mm of slip."""
+
+    error: float
+    stated: float
+    """Its standard deviation as it is stated."""
+    by_true_loads: float
+    """The error of what is found of the twin's own loads."""
+
+
+def friction_error(steps: Sequence[Step], friction: float) -> FrictionError | None:
+    """Return the error of friction after 2 mm of slip; None where the object did not slide so far."""
     after_mm = 0.0
     for step in steps:
         after_mm += step.truth.speed_mm_s / HZ if step.truth.state == SlipState.GROSS else 0.0
-        if after_mm > 2 and np.isfinite(step.found.friction):
-            return step.found.friction / friction - 1
+        found, best = step.found, step.by_true_loads
+        if after_mm > 2 and np.isfinite(found.friction) and np.isfinite(best.friction):
+            return FrictionError(
+                found.friction / friction - 1, found.friction_std / friction, best.friction / friction - 1
+            )
     return None
 
 
@@ -289,14 +353,18 @@ def slip(
 
 def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
     """Return the figures of one sensor."""
-    sequences, turned, errors, spent_s = list[list[Step]](), list[list[Step]](), list[float](), 0.0
+    sequences, turned = list[list[Step]](), dict[tuple[str, str], list[Step]]()
+    errors, spent_s = list[FrictionError](), 0.0
     for item, friction, depth_mm in OBJECTS[: 1 if quick else None]:
         rig, indenter = Rig(sensor, friction), indenter_from_name(item)
         settings = MotionSettings(Pose(*START_MM, depth_mm), SPEED_MM_S, friction)
         for kind in ("slide", "twist") if quick else MOTION_KINDS:
             steps = list(follow(rig, indenter, settings, kind))
             spent_s += sum(step.found_in_s for step in steps)
-            (sequences if kind in DRAGGED else turned).append(steps)
+            if kind in DRAGGED:
+                sequences.append(steps)
+            else:
+                turned[item, kind] = steps
             error = friction_error(steps, friction)
             errors += [] if error is None else [error]
     counts = confusion(sequences)
@@ -310,7 +378,8 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
     return [
         at_least(f"{name}: macro-F1 of static, incipient, gross", float(f1_scores(counts).mean()), 0.85, peer=0.53),
         Figure(f"{name}: F1", ", ".join(names)),
-        Figure(f"{name}: macro-F1 of twist, roll and regrasp", float(f1_scores(confusion(turned)).mean())),
+        *turned_figures(name, turned),
+        *torque_figures(name, [steps for (_, kind), steps in turned.items() if kind == "twist"]),
         Figure(f"{name}: images by true state, as static, incipient, gross", "; ".join(str(row) for row in counts)),
         at_most(
             f"{name}: onset of gross slip noticed after, median",
@@ -327,8 +396,7 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
             f"{name}: onsets stated more than 100 ms too early", float(np.mean([one.late_ms < -100 for one in late]))
         ),
         at_most(f"{name}: false alarms in {hours:.2g} hours of holding", alarms, 0),
-        at_most(f"{name}: friction after 2 mm, largest error", float(np.abs(errors).max(initial=0.0)), 0.1),
-        Figure(f"{name}: friction after 2 mm, mean error", float(np.mean(errors or [0.0]))),
+        *friction_figures(name, errors),
         at_least(f"{name}: 1 to 4 fingertips, number right", tips.right / tips.images, 0.98),
         at_least(f"{name}: skill of F_z of each fingertip", float(skill[2]), 0.85),
         Figure(
@@ -338,9 +406,31 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
         Figure(f"{name}: skill of F_x, F_y of each fingertip", f"{skill[0]:.3f}, {skill[1]:.3f}"),
         Figure(
             f"{name}: contacts, motion and slip, ms of processor time",
-            1e3 * spent_s / sum(map(len, sequences + turned)),
+            1e3 * spent_s / sum(map(len, [*sequences, *turned.values()])),
         ),
     ]
+
+
+def turned_figures(name: str, turned: dict[tuple[str, str], list[Step]]) -> Iterator[Figure]:
+    """Yield the scores of twists, rolls and regrasps, and of those that leave a trace in the images."""
+    seen = [steps for (item, kind), steps in turned.items() if kind != "twist" or not item.startswith(ROUND)]
+    again = [steps for (_, kind), steps in turned.items() if kind == "regrasp"]
+    what = f"{name}: macro-F1 of twist, roll and regrasp"
+    yield Figure(what, float(f1_scores(confusion(list(turned.values()))).mean()))
+    yield Figure(f"{what}, without twists of balls and rings", float(f1_scores(confusion(seen)).mean()))
+    both = (float(f1_scores(confusion(again, by_true_loads)).mean()) for by_true_loads in (False, True))
+    yield Figure(f"{name}: macro-F1 of regrasps; by the twin's own loads", ", ".join(f"{score:.2f}" for score in both))
+
+
+def friction_figures(name: str, errors: list[FrictionError]) -> Iterator[Figure]:
+    """Yield the errors of friction, and whether the stated ones contain them."""
+    found, best = (np.array([getattr(one, part) for one in errors] or [0.0]) for part in ("error", "by_true_loads"))
+    yield at_most(f"{name}: friction after 2 mm, largest error", float(np.abs(found).max()), 0.1)
+    yield Figure(f"{name}: friction after 2 mm, mean error", float(found.mean()))
+    deviations = np.abs(found) / np.array([one.stated for one in errors] or [1.0])
+    within = ", ".join(f"{(deviations < most).mean():.2f}" for most in (1, 2))
+    yield Figure(f"{name}: friction within one and two standard deviations", within)
+    yield Figure(f"{name}: friction by the twin's own loads, largest error", float(np.abs(best).max()))
 
 
 def held_load_ratios(sensor: SensorFolder) -> tuple[float, float]:

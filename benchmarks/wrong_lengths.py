@@ -6,6 +6,10 @@ the usual one; sensors of the simulated population with right lengths only. On s
 is stated right or wrong. The lens of simulated sensors is that of the pins alone, which is done sooner. A wrong length is noticed
 where the calibration is refused, where a check of lengths, contact or second ball does not pass, or where the ball would have been
 pressed through the gel.
+
+What a calibration could notice of the radius at best is printed, too: by how much a wrong radius explains the image of the ball
+worse (chi-square, with light, gel, base and depth fitted to it), and which share of these wrong radii light and gel of other
+sensors tell from a right one.
 """
 
 from collections.abc import Iterator
@@ -13,19 +17,22 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import cv2
+import numpy as np
 import tyro
 from figures import Figure, answer, at_least, at_most
 from real_images import calibration_images, sensor_folders
-from second_ball import images_with_second_ball
+from scipy.stats import norm
+from second_press import images_with_second_ball
 
 from ninedtact import CalibrationImages, SensorDesign, calibrate
-from ninedtact.calibration.ball.ball_press import find_ball_press, find_second_press
+from ninedtact.calibration.ball.ball_press import find_ball_press
+from ninedtact.calibration.ball.second_press import find_second_presses
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.certificate.checks import compute_certificate_checks, press_through_gel_warnings
-from ninedtact.calibration.certificate.length_evidence import assess_stated_lengths
-from ninedtact.calibration.fits_to_sensor_toml import make_second_ball_quality
+from ninedtact.calibration.certificate.length_evidence import assess_stated_lengths, relative_radius_std
+from ninedtact.calibration.fits_to_sensor_toml import make_second_press_quality
 from ninedtact.calibration.sensor_toml_schema import Certificate
-from ninedtact.calibration.twin.ball_press_fit import fit_twin_to_ball_press
+from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.design import BallGauge
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.calibration_images import simulate_calibration_images
@@ -49,6 +56,10 @@ class Trial:
     """`right`, or the length that is wrong."""
     name: str
     remarks: tuple[str, ...]
+    residual_grey_levels: float | None = None
+    """Residual (RMS) of the ball's image; None where nothing was fitted to it."""
+    observations: float = 0.0
+    """Effective number of independent observations in it."""
 
     @property
     def noticed(self) -> bool:
@@ -128,37 +139,45 @@ def trial(kind: str, name: str, images: CalibrationImages, design: SensorDesign,
     """Calibrate, and keep what is said of lengths."""
     start_s = perf_counter()
     try:
-        certificate = calibrate(images, design).record.certificate if refines_lens else fit_once(images, design)
+        certificate, twin = fit_all(images, design) if refines_lens else fit_once(images, design)
     except NinedtactError:
-        remarks: tuple[str, ...] = ("refused",)
+        found = Trial(kind, name, ("refused",))
     else:
-        assert certificate is not None
         lines = [
             line.text.partition(":")[0] for line in compute_certificate_checks(certificate) if line.level != "pass"
         ]
         remarks = tuple(name for name in lines if name in OF_LENGTHS)
         remarks += ("pressed through",) if any(PRESSED_THROUGH in text for text in certificate.warnings) else ()
-        if certificate.lengths is not None:
-            name += f" ({certificate.lengths.wrong_probability:.0%})"
-    print(f"{kind}: {name}: {', '.join(remarks) or 'silent'} [{perf_counter() - start_s:.0f} s]", flush=True)
-    return Trial(kind, name, remarks)
+        found = Trial(kind, name, remarks)
+        if twin is not None:
+            observations = twin.uncertainty.effective_observations
+            found = replace(found, residual_grey_levels=twin.image_rmse_grey_levels, observations=observations)
+    print(f"{kind}: {name}: {', '.join(found.remarks) or 'silent'} [{perf_counter() - start_s:.0f} s]", flush=True)
+    return found
 
 
-def fit_once(images: CalibrationImages, design: SensorDesign) -> Certificate:
-    """The checks of lengths after one fit of the board and one of the balls."""
+def fit_all(images: CalibrationImages, design: SensorDesign) -> tuple[Certificate, TwinFit | None]:
+    """Certificate and twin by all steps of a calibration."""
+    made = calibrate(images, design)
+    assert made.record.certificate is not None
+    return made.record.certificate, made.fits.twin
+
+
+def fit_once(images: CalibrationImages, design: SensorDesign) -> tuple[Certificate, TwinFit]:
+    """The checks of lengths, and the twin, after one fit of the board and one of the balls."""
     assert images.board_pair is not None and images.ball_pair is not None
     board = fit_board(*images.board_pair, design.pin_board)
     rectify = build_rectification(board, design)
-    second = find_second_press(rectify, images.second_ball_pair, design, "physics")
+    second = find_second_presses(rectify, images.second_pairs, design, "physics")
     twin = fit_twin_to_ball_press(
         find_ball_press(rectify, *images.ball_pair, design.ball, "physics"), design, (), (), second
     )
-    warnings = press_through_gel_warnings(twin.press.depth_mm, design.gel)
-    return Certificate(
-        second_ball=make_second_ball_quality(twin, twin) if twin.further else None,
+    certificate = Certificate(
+        second_ball=make_second_press_quality(twin, twin) if twin.further else None,
         lengths=assess_stated_lengths(board, twin, design),
-        warnings=warnings,
+        warnings=press_through_gel_warnings(twin.press.depth_mm, design.gel),
     )
+    return certificate, twin
 
 
 def figures_of(trials: list[Trial]) -> Iterator[Figure]:
@@ -178,6 +197,23 @@ def figures_of(trials: list[Trial]) -> Iterator[Figure]:
             yield at_least(f"{kind} wrong: noticed", share, NOTICED)
     if wrong := [one for one in trials if one.kind in ("pitch", "radius")]:
         yield at_least("pitch or radius wrong: noticed", sum(one.noticed for one in wrong) / len(wrong), NOTICED)
+    yield from figures_of_radius(trials)
+
+
+def figures_of_radius(trials: list[Trial]) -> Iterator[Figure]:
+    """What the image of a ball tells of its radius, and what light and gel of other sensors do."""
+    for right in (one for one in trials if one.kind == "right" and one.residual_grey_levels):
+        texts = []
+        for one in trials:
+            if one.kind == "radius" and one.name.startswith(right.name) and one.residual_grey_levels:
+                excess = right.observations * ((one.residual_grey_levels / right.residual_grey_levels) ** 2 - 1)
+                texts.append(f"{one.name.rpartition(' ')[2]}: {excess:+.1f}")
+        if texts:
+            yield Figure(f"radius of {right.name}: chi-square by stated over right radius", ", ".join(texts))
+    std, limit = relative_radius_std(), float(norm.isf(SUSPECTED / 2))
+    yield Figure("radius: ± by light and gel of other sensors", std)
+    share = float(np.mean(norm.sf(limit - np.abs(np.log(FACTORS)) / std)))
+    yield Figure("radius: share of these wrong ones that this ± can tell from a right one", share)
 
 
 if __name__ == "__main__":

@@ -90,6 +90,14 @@ def pressed(images: SimulatedCalibrationImages) -> list[tuple[np.ndarray, np.nda
     return [(images.board_reference, images.board), (images.ball_reference, images.ball)]
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_files_are_read_as_every_editor_saves_them(tmp_path: Path, mark: str, newline: str) -> None:
+    path = tmp_path / "design.toml"
+    path.write_bytes((mark + newline.join(("[gel]", "thickness_mm = 2.0", ""))).encode())
+    assert read_design_file(path).gel.thickness_mm == 2.0
+
+
 def test_a_press_of_a_designed_sensor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = written(tmp_path, design_to_toml(OURS))
     press = ["simulate", "press", "--object", "ball:4", "--depth-mm", "1", "--json", "--out", str(tmp_path / "press")]

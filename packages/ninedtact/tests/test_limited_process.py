@@ -30,6 +30,13 @@ def test_memory_and_time_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
         run_limited(pow, 3, 10**9, file_bytes=100)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="processor time is limited by the system elsewhere")
+def test_what_a_busy_computer_does_late_is_no_cost_of_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    for limit in ("_LEAST_S", "_START_S"):
+        monkeypatch.setattr(limited_process, limit, 1.0)
+    assert run_limited(time.sleep, 2.5, file_bytes=0) is None
+
+
 def test_an_obj_file_of_many_materials_is_read_within_its_limits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -109,6 +109,12 @@ def test_a_source_without_a_sensor_is_refused_unless_it_is_a_recording() -> None
         ninedtact.open(source=0)
 
 
+@pytest.mark.parametrize("wrong", [None, 3.5, [1], np.zeros((4, 5, 3), np.uint8)])
+def test_what_is_no_source_and_no_path_is_refused_in_one_sentence(wrong: object, physical_sensor: SensorFolder) -> None:
+    with pytest.raises(InputError, match=r"expected a FrameSource, .*got (none|an object of type)"):
+        ninedtact.open(physical_sensor, source=wrong)  # type: ignore[arg-type]
+
+
 def test_a_recording_opens_with_the_sensor_that_it_carries_and_serves_every_frame(recording: Path) -> None:
     with ninedtact.open(source=str(recording), force="none") as sensor:
         assert sensor.reference_faults == ()

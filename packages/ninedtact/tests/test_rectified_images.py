@@ -18,6 +18,7 @@ from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
 from ninedtact.simulation.renderer import CameraNoise, Renderer
 from ninedtact.simulation.twin import default_twin
+from ninedtact.steady_light import common_factor
 
 COLS, ROWS, VIEW_MM, HZ = 80, 60, 22.0, 30.0
 FREE, DOWN, HELD, DRAGGED = 10, 12, 8, 30
@@ -124,6 +125,21 @@ def test_a_sequence_that_begins_pressed_takes_its_last_images_as_the_reference_a
     assert "the first images show a contact" in capsys.readouterr().err
     assert all(row["touching"] == "True" for row in rows[: HELD + DRAGGED])
     assert {row["slip"] for row in rows[HELD + DRAGGED :]} == {"static"}
+
+
+def test_a_lamp_that_flickers_changes_neither_motion_nor_slip(drag: Drag, tmp_path: Path) -> None:
+    light = 1 + np.random.default_rng(3).normal(0, 0.015, len(drag.images))
+    images = [np.asarray(np.rint(image * factor), np.uint8) for image, factor in zip(drag.images, light, strict=True)]
+    options = "--reference-frames", "0:10", "--mm-per-px", f"{VIEW_MM / COLS}", "--rate-hz", f"{HZ:g}"
+    require_truth(track(save(images, tmp_path / "images"), *options), drag)
+
+
+def test_the_common_factor_of_images_is_that_of_skin_beside_all_contacts() -> None:
+    rng = np.random.default_rng(0)
+    factor, ratio = 1 + rng.normal(0, 0.02, 40), np.ones((40, 200))
+    ratio[10:, :120] += np.linspace(0, 0.1, 30)[:, None] * rng.uniform(-1, 1, 120)
+    ratio += rng.normal(0, 1e-3, ratio.shape)
+    assert common_factor(ratio * factor[:, None]) == pytest.approx(factor, abs=6e-4)
 
 
 def test_displacement_is_uncertain_from_where_the_contact_leaves_the_view(drag: Drag, tmp_path: Path) -> None:

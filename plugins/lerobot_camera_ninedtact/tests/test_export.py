@@ -149,3 +149,15 @@ def test_a_rate_that_is_asked_for_takes_the_nearest_images_of_every_recording(fp
             assert abs(float(row["observation.time_s"]) - number / fps) <= 0.5 / hz + 1e-6 or number == len(mine) - 1
             image = np.rint(row["observation.images.tactile"].numpy() * 255).astype(np.uint8).transpose(1, 2, 0)
             np.testing.assert_array_equal(image[..., ::-1], noise(round(float(row["observation.time_s"]) * hz)))
+
+
+@pytest.mark.parametrize(
+    ("hz", "fps", "words"), [(0.3, None, "whole number.*got 0.3 Hz"), (1e-5, 50, "are 55000000 frames")]
+)
+def test_a_set_that_would_stretch_time_or_be_of_repeated_images_is_refused(
+    hz: float, fps: int | None, words: str, tmp_path: Path
+) -> None:
+    path = write_at_rate(tmp_path / "slow.mcap", hz)
+    with Recording(path) as slow, pytest.raises(InputError, match=rf"{words}.*--fps"):
+        export_lerobot([slow], tmp_path / "set", fps=fps)
+    assert not (tmp_path / "set").exists()

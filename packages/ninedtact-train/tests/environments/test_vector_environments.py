@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from ninedtact.calibration.sensor_folder import SensorFolder
-from ninedtact.errors import InputError
+from ninedtact.errors import InputError, SimulationError
 from ninedtact.simulation.twin import default_twin
 
 gymnasium = pytest.importorskip("gymnasium", reason="the extra 'environments' is not installed")
@@ -79,6 +79,16 @@ def test_what_is_not_observed_is_not_computed() -> None:
     assert all("frame" not in vars(one.last) for one in envs.batch.sensors)
     with pytest.raises(InputError, match=r"observations out of .*, got \('force',\)"):
         edge(2, observations=("force",))
+
+
+def test_a_sensor_that_never_touches_ends_the_reset() -> None:
+    class Retreating(EdgeFollowingEnvironment):
+        approach = (0.0, 0.0, -1.0)
+
+    with pytest.raises(
+        SimulationError, match=r"expected the sensor to touch .* got 0 N; correct the task's `approach`"
+    ):
+        Retreating(TWIN).reset(seed=0)
 
 
 def test_an_environment_that_is_refused_ends_alone_and_begins_again_by_the_next_step() -> None:

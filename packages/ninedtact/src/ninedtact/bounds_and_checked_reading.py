@@ -142,13 +142,14 @@ def read_regular_file(path: Path | str, most_bytes: int | None = None) -> bytes:
 
 
 def read_text_file(path: Path | str, accepts_pipe: bool = False) -> str:
-    """Return the text of a UTF-8 file; raises `OSError` as `read_regular_file`, and `UnicodeDecodeError`.
+    """Return the text of a UTF-8 file, without the mark with which some editors and spreadsheets let it begin.
 
+    Raises `OSError` as `read_regular_file`, and `UnicodeDecodeError`.
     accepts_pipe: whether another program may write the text into a pipe, for which it has `_LONGEST_PIPE_S`.
     """
     if accepts_pipe and Path(path).is_fifo():
-        return _read_pipe(Path(path)).decode()
-    return read_regular_file(path, MOST_TEXT_BYTES).decode()
+        return _read_pipe(Path(path)).decode("utf-8-sig")
+    return read_regular_file(path, MOST_TEXT_BYTES).decode("utf-8-sig")
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -4,7 +4,7 @@ only what differs from the published sensor. The defaults are the published 9DTa
 
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_type_hints
 
 import msgspec
 import tomli_w
@@ -235,6 +235,26 @@ class BallGauge:
         require_within_bounds(self, "ball", DesignImpossible)
 
 
+SecondKind = Literal["second_ball", "flat_end"]
+"""What can be pressed second, which is also the name of its image; that of the skin before it ends in "_reference"."""
+SECOND_KINDS: tuple[SecondKind, ...] = get_args(SecondKind)
+
+
+@dataclass(frozen=True)
+class FlatEndGauge:
+    """The flat end of a round rod, such as the shank of a drill or a dowel pin, that a stop lets into the gel to a known depth."""
+
+    radius_mm: Annotated[float, Meta(ge=2.0, le=6.0)] = 3.0
+    """Radius of the rod, whose edge is at most lightly broken."""
+    depth_mm: Annotated[float, Meta(ge=0.2, le=3.0)] = 0.6
+    """How deep the stop lets it go, from the first touch."""
+    depth_error_mm: Annotated[float, Meta(ge=0.005, le=0.5)] = 0.03
+    """Standard deviation of that depth, first touch and tilt included."""
+
+    def __post_init__(self) -> None:
+        require_within_bounds(self, "flat_end", DesignImpossible)
+
+
 @dataclass(frozen=True)
 class ForceTorqueMount:
     """Position and orientation of a force/torque sensor under the tactile sensor: its own frame in the sensor frame."""
@@ -262,6 +282,7 @@ class SensorDesign:
     field_of_view: RectifiedImageSize = RectifiedImageSize()
     pin_board: PinBoard = PinBoard()
     ball: BallGauge = BallGauge()
+    flat_end: FlatEndGauge = FlatEndGauge()
     force_torque: ForceTorqueMount = ForceTorqueMount()
 
     def __post_init__(self) -> None:

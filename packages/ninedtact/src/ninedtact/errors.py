@@ -8,7 +8,7 @@
     ├── CameraError            a camera or another source of images
     ├── DeviceError            a force/torque sensor, a graphics processor, a network port
     ├── CalibrationError       calibration images, a sensor's calibration, its reference image
-    ├── ForceEstimationError             force estimation, force models and their training
+    ├── ForceEstimationError   force estimation, force models and their training
     ├── SimulationError        contact mechanics and simulated sensors
     └── DatasetError           recordings in progress and data sets: no usable pairs, faults found, work stopped
 

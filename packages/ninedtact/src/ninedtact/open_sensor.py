@@ -73,16 +73,24 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     """
     from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
     from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.capture.frame_source import FIXED_EXPOSURE
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE, require_frame_source
 
     source = str(source) if isinstance(source, Path | int) else source
-    references = [reference] if isinstance(reference, Path | str) else reference or ()
+    references = [reference] if isinstance(reference, Path | str) else [] if reference is None else list(reference)
+    if not all(isinstance(one, Path | str) for one in references):
+        raise InputError(
+            expected="paths of reference images", got="images themselves", remedy="save them, or call take_reference()"
+        )
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     with ExitStack() as opened:
         if sensor is None:
             sensor = opened.enter_context(load_recorded_sensor(source))
         folder = sensor if isinstance(sensor, SensorFolder) else load_sensor(sensor)
-        frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
+        frames = (
+            source_for(source, settings or FIXED_EXPOSURE, folder)
+            if isinstance(source, str)
+            else require_frame_source(source)
+        )
         if isinstance(source, str) and frames.is_live and not frames.is_simulated:
             frames = LatestFrameSource(frames)  # a slow reader neither lags behind nor hears late of a loss
         return assemble_sensor(folder, frames, folder.estimator(force), references, follow_reference, moments_s)

@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, Int32, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.design import Gel
+
 WRENCH_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 """Names of the six components of a wrench."""
 WRENCH_UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
@@ -203,6 +205,8 @@ class Traction:
     stamp_ns: int = 0
     height_mm: Float32[Array, "rows cols"] | None = None
     """Height of the skin on which the tractions act, where it is known; the shear then has a lever arm."""
+    gel: Gel = Gel()
+    """The gel that they deform, with the modulus that scales them."""
 
     @property
     def is_touched(self) -> Bool[Array, "rows cols"]:

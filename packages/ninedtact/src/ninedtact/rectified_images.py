@@ -7,7 +7,7 @@ Positions are as right as the width of the view is known; depths and loads have 
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,17 +15,20 @@ from ninedtact.calibration.nominal_shape import nominal_shape
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.design import SensorDesign
 from ninedtact.force.contact_detection import ContactRegionSettings, ContactThreshold
+from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
-from ninedtact.quantities import Frame
-from ninedtact.reading import read_frame
+from ninedtact.quantities import Frame, WrenchEstimate
+from ninedtact.reading import Reading, read_frame
 from ninedtact.reference_frames import mean_grey
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import CalibratedShape
+from ninedtact.steady_light import SteadyLight
 
 _LEARNING_FRAMES = 5
 """Reference images from which the noise of the sequence is known, so that no bound from the grey levels is needed."""
 _THRESHOLDS, _RAISE = 5, 1.5
-"""Number of thresholds of contact that are tried, each this factor above the one before."""
+"""Number of thresholds of contact that are tried, each this factor above the one before. A contact lasts until it is below its
+threshold by this factor."""
 _LEAST_NOISE_MM, _UNKNOWN_NOISE_MM = 0.002, 0.01
 """Noise of a pixel's height that is assumed at least, and with a single reference image."""
 
@@ -42,15 +45,47 @@ def open_rectified(
     """
     shape = _with_noise(nominal_shape(mean_grey(references), mm_per_px), references)
     estimator = build_traction_force(shape, SensorDesign().gel)
-    sensor = Sensor(source, shape, estimator=estimator)
+    sensor = Sensor(SteadyLight(source, references), shape, estimator=estimator)
     sensor.open(take_reference=False)
     try:
         sensor.use_reference(references)
         if len(references) >= _LEARNING_FRAMES:
-            sensor.estimator = _with_learnt_threshold(estimator, sensor, references)
+            estimator = _with_learnt_threshold(estimator, sensor, references)
+        sensor.estimator = _HeldContact(estimator)
         yield sensor
     finally:
         sensor.close()
+
+
+@dataclass
+class _HeldContact(ForceEstimator):
+    """An estimator by which a contact lasts until it is fainter than the faintest that is found: noise does not interrupt it."""
+
+    estimator: TractionForce
+    _thresholds: tuple[ContactRegionSettings, ContactRegionSettings] = field(init=False, repr=False)
+    """Those by which a contact is found, and by which it lasts."""
+
+    def __post_init__(self) -> None:
+        self.name = self.estimator.name
+        found = self.estimator.contact_region
+        self._thresholds = found, replace(found, threshold=_scaled(found.threshold, 1 / _RAISE))
+
+    def estimate(self, reading: Reading) -> WrenchEstimate:
+        """Return the estimate; raises what the estimator raises."""
+        estimate = self.estimator.estimate(reading)
+        self.estimator.contact_region = self._thresholds[estimate.touching]
+        return estimate
+
+    def forget(self) -> None:
+        """Estimate the next wrench as if it were the first."""
+        self.estimator.contact_region = self._thresholds[0]
+        self.estimator.forget()
+
+
+def _scaled(threshold: ContactThreshold, factor: float) -> ContactThreshold:
+    """Return the threshold of images that have more noise than a camera's by this factor, or less."""
+    names = "noise_stds", "min_darkening", "reference_noises"
+    return replace(threshold, **{name: factor * getattr(threshold, name) for name in names})
 
 
 def _with_learnt_threshold(estimator: TractionForce, sensor: Sensor, references: Sequence[Frame]) -> TractionForce:

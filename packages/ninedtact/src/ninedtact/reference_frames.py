@@ -19,8 +19,12 @@ _CELLS = 24, 18
 """Columns and rows to which images are reduced to be compared."""
 _STEADY_FRAMES = 3
 """Images from which the noise of a sequence is known."""
-_STEADY_FACTOR, _STEADY_CHANGE = 4.0, 0.004
-"""Change from the images before, over that of the first images and relative to the brightness, up to which nothing has happened."""
+_STEADY_FACTOR, _LEAST_CHANGE = 1.6, 5e-4
+"""Root mean square change of an image from the mean of those before, over the largest of the first images, up to which nothing has
+happened; and the change, relative to the brightness, that is assumed of these at least. On simulated sensors ten images without
+contact differ by up to this factor, also where they are compressed."""
+_MOST_CHANGE = 0.008
+"""The same that no compression makes."""
 _TOUCHED_CHANGE = 0.02
 """Relative change of a cell that only a contact makes."""
 _DETAIL_CELLS = 2.0
@@ -72,7 +76,7 @@ def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> Re
     """Return the images at the beginning of a sequence until something changes, or those at its end where the beginning shows a
     contact."""
     beginning, ending = _steady(first), _steady(last[::-1])
-    first_cells, last_cells = _cells_of(beginning), _cells_of(ending)
+    first_cells, last_cells = brightness_on_cells(beginning), brightness_on_cells(ending)
     is_alike = float(_relative_change(last_cells, first_cells).max()) < _TOUCHED_CHANGE
     if is_alike or _fine_detail(first_cells) <= _fine_detail(last_cells):
         return ReferenceFrames(beginning)
@@ -82,20 +86,19 @@ def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> Re
 
 
 def _steady(frames: Sequence[Frame]) -> tuple[Frame, ...]:
-    """Return the first frames, up to the one that differs from those before by more than these do among themselves."""
-    cells = [_cells_of([frame]) for frame in frames]
-    least = _STEADY_CHANGE
+    """Return the first frames, up to the one that differs from those before by more than these do among themselves; without the one
+    before it, in which the change may have begun."""
+    cells, noise = [brightness_on_cells([frame]) for frame in frames], _LEAST_CHANGE
     for count in range(1, len(frames)):
-        change = float(np.abs(_relative_change(cells[count], np.mean(cells[:count], axis=0))).max())
-        if count >= _STEADY_FRAMES and change > _STEADY_FACTOR * least:
-            return tuple(frames[:count])
-        if change > _TOUCHED_CHANGE:
-            return tuple(frames[:count])
-        least = max(least, change / _STEADY_FACTOR if count >= _STEADY_FRAMES else change)
+        change = _relative_change(cells[count], np.mean(cells[:count], axis=0))
+        size = float(np.sqrt(np.mean(change**2) / (1 + 1 / count)))  # the mean before has noise of its own
+        if size > (_STEADY_FACTOR * noise if count >= _STEADY_FRAMES else _MOST_CHANGE):
+            return tuple(frames[: max(count - 1, min(count, _STEADY_FRAMES))])
+        noise = max(noise, size if count < _STEADY_FRAMES else noise)
     return tuple(frames)
 
 
-def _cells_of(frames: Sequence[Frame]) -> Float32[Array, "cell_rows cell_cols"]:
+def brightness_on_cells(frames: Sequence[Frame]) -> Float32[Array, "cell_rows cell_cols"]:
     """Return the mean brightness of images on cells."""
     return np.asarray(
         cv2.GaussianBlur(cv2.resize(mean_grey(frames), _CELLS, interpolation=cv2.INTER_AREA), (0, 0), 0.7)

@@ -18,6 +18,7 @@ from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.certificate.checks import (
     BALL_CHECKS,
     BOARD_CHECKS,
+    FLAT_END_CHECKS,
     LENGTH_CHECKS,
     SECOND_BALL_CHECKS,
     USES,
@@ -36,14 +37,15 @@ from ninedtact.calibration.sensor_toml_schema import (
     BoardQuality,
     Certificate,
     LengthPlausibility,
-    SecondBallQuality,
+    SecondPressQuality,
 )
 
 HOSTILE = "<script>alert('id')<b> & \"co\""
 GOOD = Certificate(
     BoardQuality(63, 63, [], 0.03, 0.07, 0.06, 0.052, 0.0001, 20.0, 0.6, "model", 0),
     BallQuality("ratio", 60.0, 3.1, 4.0, 1.5, 0.012, 0.014, 1.48, 0.002, 50.0, 0.02, 0.0),
-    SecondBallQuality(2.5, 0.8, 0.03, 0.5, 0.04, 1.78, 0.09, 2.52, 0.06),
+    SecondPressQuality(2.5, 0.8, 0.03, 0.5, 1.75, 0.04, 1.78, 0.09, 2.5, 0.0, 2.52, 0.06),
+    SecondPressQuality(3.0, 0.61, 0.02, 0.3, 1.74, 0.05, 1.78, 0.09, 0.6, 0.03, 0.63, 0.03),
     LengthPlausibility(2.5, 0.02, 2.4, 4.0, 0.03, 4.1),
 )
 WORSE_WHEN_LARGER = {
@@ -233,6 +235,7 @@ def test_the_documentation_states_every_check_with_its_limits() -> None:
     checks = [(check.fact(GOOD.board), check.limit) for check in BOARD_CHECKS]
     checks += [(check.fact(GOOD.ball), check.limit) for check in BALL_CHECKS]
     checks += [(check.fact(GOOD.second_ball), check.limit) for check in SECOND_BALL_CHECKS]
+    checks += [(check.fact(GOOD.flat_end), check.limit) for check in FLAT_END_CHECKS]
     checks += [(check.fact(GOOD.lengths), check.limit) for check in LENGTH_CHECKS]
     for fact, limit in checks:
         name = fact.partition(":")[0]
@@ -247,7 +250,7 @@ def test_a_check_that_is_not_passed_names_what_it_affects_and_so_does_the_headli
     noisy = with_figure(GOOD, "ball", "noise_mm", 0.02)
     (line,) = [line for line in compute_certificate_checks(noisy) if line.level != "pass"]
     assert line.affects == ("shape", "force")
-    assert "1 of 13 checks warned (affects shape and force)" in certificate_headline(noisy)
+    assert "1 of 14 checks warned (affects shape and force)" in certificate_headline(noisy)
 
 
 def test_a_sensor_without_a_ball_rectifies_images() -> None:

@@ -110,7 +110,7 @@ def test_a_good_ball_is_taken_when_it_is_still() -> None:
 def test_the_steps_come_in_the_order_of_the_images() -> None:
     assert list(STEPS) == ["board_reference", "board", "ball_reference", "ball"]
     assert "(9 x 7 pins)" in STEPS["board"].instruction and "(radius 4 mm)" in STEPS["ball"].instruction
-    *first, _, second = guided_capture_steps(DESIGN, SETTINGS, second_ball=True)
+    *first, _, second = guided_capture_steps(DESIGN, SETTINGS, second=("second_ball",))
     assert [step.name for step in first] == list(STEPS) and second.name == "second_ball"
     assert "(radius 2.5 mm)" in second.instruction and "0.6 to 1.4 mm deep" in second.instruction
     watch = STEPS["ball_reference"].watch({"board_reference": UNTOUCHED})

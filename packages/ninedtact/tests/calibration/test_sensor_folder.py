@@ -112,15 +112,16 @@ def test_a_number_beyond_its_bounds_is_refused_by_name_value_and_what_is_possibl
         load_sensor(folder)
 
 
-@pytest.mark.parametrize("name", ["", "../../x", "a\\nb\\u0000", "n" * 101])
+@pytest.mark.parametrize("name", ["", "../../x", "a\\nb\\u0000", "n" * 101, "a\\u202Eb", "a\\u009B2J"])
 def test_a_name_that_no_sensor_can_have_is_refused(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (folder / "sensor.toml").read_text()
     (folder / "sensor.toml").write_text(re.sub('^id = ".*"', lambda _: f'id = "{name}"', text, flags=re.MULTILINE))
-    with pytest.raises(SensorFolderDamaged, match="expected a name of a sensor of 1 to 100 characters"):
+    with pytest.raises(SensorFolderDamaged, match="expected a name of a sensor of 1 to 100 printable characters"):
         load_sensor(folder)
     if name:  # without a name it is that of the folder
         assert main(["calibrate", "--images=no", f"--out={folder.parent / 'new'}", f"--id={name[:1]}/"]) == 1
-        assert "expected a name of a sensor" in capsys.readouterr().err
+        assert main(["calibrate", "--images=no", f"--out={folder.parent}/caf\udce9"]) == 1
+        assert capsys.readouterr().err.count("expected a name of a sensor") == 2
 
 
 def test_an_edited_number_is_a_warning_of_every_reading(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

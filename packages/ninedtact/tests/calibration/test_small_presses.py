@@ -23,7 +23,7 @@ from ninedtact.calibration.twin.gel_base import KnownBase
 from ninedtact.calibration.twin.lens_refinement import (
     appearing_imprints_mm,
 )
-from ninedtact.calibration.twin.observed_presses import ObservedBallPress
+from ninedtact.calibration.twin.observed_presses import ObservedRoundPress
 from ninedtact.calibration.twin.press_search import BallPressProblem
 from ninedtact.calibration.twin.sensor_twin import assemble_twin
 from ninedtact.design import Gel, PinBoard, SensorDesign
@@ -50,7 +50,7 @@ PRESS = BallPressParameters(0.6, -0.4, 1.3, 0.3, -0.2, 2.3, 0.5, 0.5, 0.05, 0.12
 
 def problem_of(after: Rectified) -> BallPressProblem:
     """An image of the ball, and its model on the coarse grid."""
-    observed = ObservedBallPress(UNTOUCHED, after, PRESS.centre_mm)
+    observed = ObservedRoundPress(UNTOUCHED, after, PRESS.centre_mm)
     return BallPressProblem(observed, BallPressModel(DESIGN, COARSE_PITCH_MM))
 
 

@@ -69,7 +69,7 @@ def test_the_exposure_of_an_open_camera_is_set_within_its_limits() -> None:
         (CameraSettings(size_px=(640, 500)), "images of 640x500 pixels, got 640x480; .* --size"),
         (CameraSettings(focus=251.0), "focus 251, got 250"),
         (CameraSettings(rate_hz=61.3), "images per second 61.3, got 60"),
-        (CameraSettings(pixel_format="H264"), "pixel format H264"),
+        (CameraSettings(pixel_format="H264"), "pixel format H264, got YUYV"),
         (CameraSettings(exposure_ms=900.0), "exposure .* 9000, got 5000"),
         (CameraSettings(exposure_ms=0.04), r"exposure .* 0, got 1"),
         (CameraSettings(gain=100.6), "gain 100.6, got 100"),

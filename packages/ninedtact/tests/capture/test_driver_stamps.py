@@ -1,7 +1,7 @@
 """Whatever a driver says, stamps increase, precede the arrival, and are near the moment at which the image was taken."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from ninedtact.capture.driver_stamps import DriverStamps
@@ -61,3 +61,15 @@ def test_a_step_of_the_drivers_clock_is_followed(step_ms: int, at: int) -> None:
     errors_ns, _ = corrected(taken_ns, taken_ns + 5 * MS, said_ns)
     if not -170 <= step_ms <= -1:  # as long as a queue
         assert np.abs(errors_ns[at + 5 :]).max() <= 105 * MS
+
+
+@settings(max_examples=20)
+@given(parts_per_million=some.integers(-5000, 5000), hz=some.sampled_from([5.0, 10.0]), seed=some.integers(0, 999))
+def test_a_drift_of_the_drivers_clock_is_taken_out(parts_per_million: int, hz: float, seed: int) -> None:
+    """Over five minutes: what remains is the jitter of arrivals, 5 ms, and the drift within two windows of 5 s and an image."""
+    chance = np.random.default_rng(seed)
+    taken_ns = BEGAN_NS + np.arange(300 * hz).astype(np.int64) * round(1e9 / hz)
+    arrived_ns = taken_ns + chance.integers(3 * MS, 8 * MS, len(taken_ns))
+    said_ns = taken_ns + (taken_ns - BEGAN_NS) * parts_per_million // 1_000_000
+    errors_ns, _ = corrected(taken_ns, arrived_ns, said_ns)
+    assert np.abs(errors_ns).max() <= (10 + abs(parts_per_million) * 1e-3 * (10 + 2 / hz)) * MS

@@ -106,7 +106,10 @@ def wrong_frame(**parts: Any) -> Frame:
     return frame
 
 
-WRONG = [None, "image", wrong_frame(image=[[0]]), wrong_frame(image=np.zeros((4, 5))), wrong_frame(stamp_ns=0.5)]
+WRONG = [
+    *(None, "image", wrong_frame(image=[[0]]), wrong_frame(image=np.zeros((4, 5)))),
+    *(wrong_frame(stamp_ns=0.5), wrong_frame(stamp_ns=-1), wrong_frame(stamp_ns=2**63), wrong_frame(index=2**32)),
+]
 
 
 @pytest.mark.parametrize("read", WRONG)

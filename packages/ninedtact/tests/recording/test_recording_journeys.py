@@ -24,6 +24,7 @@ from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.capture.camera_delay import CameraDelay, write_camera_delay
 from ninedtact.capture.frame_source import DEFAULT_CAMERA, CameraLost
 from ninedtact.cli import main
+from ninedtact.errors import CameraError
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
@@ -87,7 +88,7 @@ def test_a_twin_is_recorded_shown_again_and_written_out(
         for frame, row in zip(episode.frames(), csv.DictReader((out / "images.csv").open()), strict=True):
             assert np.array_equal(cv2.imread(str(out / "images" / row["image"])), frame.image)
             assert int(row["monotonic_ns"]) == frame.stamp_ns
-            assert float(row["time_s"]) == (frame.stamp_ns - episode.first_ns) / 1e9
+            assert float(row["time_s"]) == (frame.stamp_ns - episode.began_ns) / 1e9
     assert len(list((out / "heights").glob("*.npy"))) == exported["heights"]
     assert main(["export", str(path), "--out", str(out)]) == 1 and "new or empty" in capsys.readouterr().err
 
@@ -364,6 +365,31 @@ def test_a_recording_of_a_twin_may_begin_at_any_moment_of_a_press(skipped: int, 
         wanted = read_frame(reading.frame, folder.shape, truth).height
         for got in (heights[reading.frame.index], reading.height.z_mm):
             np.testing.assert_allclose(got[wanted.in_view], wanted.z_mm[wanted.in_view], atol=1e-5)
+
+
+def test_the_seconds_of_a_recording_begin_when_its_camera_is_open(sensor: Path, tmp_path: Path) -> None:
+    """A loaded computer, or a camera that is tried in two formats, takes longer to open than is recorded."""
+
+    class Slow(Camera):
+        def open(self) -> None:
+            time.sleep(0.3)
+            super().open()
+
+    writer = record(Slow(1.0), tmp_path / "press.mcap", load_sensor(sensor), seconds=0.15)
+    assert writer.written[Topic.IMAGES]
+
+
+def test_a_camera_that_changes_its_size_ends_the_recording(sensor: Path, tmp_path: Path) -> None:
+    class Changing(Camera):
+        def read(self) -> Frame:
+            frame = super().read()
+            return frame if frame.index < 5 else replace(frame, image=frame.image[::2])
+
+    path = tmp_path / "press.mcap"
+    with pytest.raises(CameraError, match=r"images of 64x48 pixels from the camera of the hand, .*got 64x24"):
+        record(Changing(1.0), path, load_sensor(sensor))
+    with Recording(path) as recording:
+        assert recording.is_finished and len(list(recording.frames())) == 5
 
 
 def test_what_came_before_a_loss_is_kept(sensor: Path, tmp_path: Path) -> None:

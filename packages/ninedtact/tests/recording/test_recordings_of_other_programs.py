@@ -15,7 +15,13 @@ from ninedtact.errors import NinedtactError
 from ninedtact.quantities import Frame, HeightMap, Wrench, WrenchEstimate
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.reader import Recording, recorded_sensor_addresses
-from ninedtact.recording.topics_and_messages import Topic, encode_message, type_store
+from ninedtact.recording.topics_and_messages import (
+    Topic,
+    decode_image,
+    encode_message,
+    message_header,
+    type_store,
+)
 from ninedtact.recording.writer import RecordingWriter
 
 IMAGES = 12
@@ -155,3 +161,34 @@ def test_compressed_images_of_other_programs_are_read(
     with Recording(path, sensor) as recording:
         images = [frame.image.astype(int) for frame in recording.frames()]
     assert len(images) == 3 and max(np.abs(image - skin).max() for image in images) < (40 if ending == ".jpg" else 1)
+
+
+@pytest.mark.parametrize("encoding", ["bgr8", "8UC3", "rgb8", "bgra8", "rgba8", "mono8", "8UC1"])
+@pytest.mark.parametrize("padding", [0, 5])
+def test_images_of_every_driver_are_read_as_blue_green_and_red(skin: np.ndarray, encoding: str, padding: int) -> None:
+    """Whatever the order of the channels, and with rows that are longer than their pixels."""
+    conversions = {"r": cv2.COLOR_BGR2RGBA, "b": cv2.COLOR_BGR2BGRA, "8": cv2.COLOR_BGR2BGRA, "m": cv2.COLOR_BGR2GRAY}
+    is_grey, has_alpha = encoding in ("mono8", "8UC1"), "a" in encoding
+    pixels = cv2.cvtColor(skin, cv2.COLOR_BGR2GRAY if is_grey else conversions[encoding[0]])
+    rows = (pixels if is_grey or has_alpha else pixels[..., :3]).reshape(len(skin), -1)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=77)
+    layout = {"height": len(skin), "width": skin.shape[1], "encoding": encoding, "is_bigendian": 1}
+    header = message_header(WALL_NS, "camera")
+    data = encode_message("sensor_msgs/msg/Image", header=header, step=rows.shape[1], data=rows.reshape(-1), **layout)
+    truth = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR) if is_grey else skin
+    np.testing.assert_array_equal(decode_image(data), truth)
+    with pytest.raises(ValueError, match=r"yuv.*bgr8.*are read"):
+        decode_image(data.replace(encoding.encode() + b"\0", b"yuv422_yuy2"[: len(encoding)] + b"\0"))
+
+
+def test_the_file_in_the_folder_of_a_bag_is_named(
+    tmp_path: Path, skin: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_recording(tmp_path / "bag_0.mcap", skin)
+    for command in (
+        ["info"],
+        ["estimate", "--force", "none", "--sensor", "x"],
+        ["export", "--out", str(tmp_path / "out")],
+    ):
+        assert main([*command, str(tmp_path)]) == 1
+    assert capsys.readouterr().err.count(str(path)) >= 2

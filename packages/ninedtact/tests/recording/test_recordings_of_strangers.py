@@ -120,7 +120,14 @@ def test_clocks_of_no_time_are_refused(number: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "length"), [(b"sensor/a\xff", 1), (b"sensor/a\0b", 1), (b"spans.json", 1 << 60), (b"spans.json", 0)]
+    ("name", "length"),
+    [
+        (b"sensor/a\xff", 1),
+        (b"sensor/a\0b", 1),
+        (b"sensor/sensor.toml/a", 1),
+        (b"spans.json", 1 << 60),
+        (b"spans.json", 0),
+    ],
 )
 @pytest.mark.parametrize("text", [b'[{"begin_ns":"now","end_ns":1,"label":""}]', b"[" * 100_000])
 def test_attachments_are_read_within_their_limits(

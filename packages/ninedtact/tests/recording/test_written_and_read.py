@@ -16,7 +16,7 @@ from ninedtact.quantities import EstimateWarning, Frame, HeightMap, HeightSource
 from ninedtact.recording.export import export_recording
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, RecordingMetadata
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import LabelledSpan, PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 
@@ -172,8 +172,11 @@ def test_rate_and_gaps_are_those_of_the_stamps(purpose: str, tmp_path: Path) -> 
         assert (images.rate_hz, images.longest_gap_ms, images.gaps) == (pytest.approx(50), pytest.approx(80), 2)
     else:  # images that were selected have no rate
         assert images.rate_hz is images.gaps is None
-    assert median_rate_hz(np.array([0, 20_000_000])) == pytest.approx(50)
-    assert median_rate_hz(np.array([5])) == median_rate_hz(np.array([5, 5, 5])) == 30
+    assert usual_rate_hz(np.array([0, 20_000_000])) == pytest.approx(50)
+    milliseconds = np.rint(np.arange(40) * 1e3 / 60).astype(np.int64) * 1_000_000
+    for times in (milliseconds, np.delete(milliseconds, [7, 8, 20])):
+        assert usual_rate_hz(times) == pytest.approx(60, rel=0.005)
+    assert usual_rate_hz(np.array([5])) == usual_rate_hz(np.array([5, 5, 5])) == 30
 
 
 def test_wrench_and_errors_of_an_estimate_are_recorded_about_the_skin_centre(tmp_path: Path) -> None:

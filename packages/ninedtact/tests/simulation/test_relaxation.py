@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ninedtact.design import DesignImpossible, Gel
+from ninedtact.mechanics.contact_result import Contact
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 from ninedtact.mechanics.relaxation import GelMemory
@@ -40,6 +41,11 @@ def test_the_load_of_a_held_object_falls_by_the_prony_series_and_its_image_stays
     assert held.corrected.thickness_change_mm == pytest.approx(pressed.corrected.thickness_change_mm, abs=1e-4)
     at_once = twin.press(pressed, BALL, pressed.pose, after_s=sum(TIMES_S))
     assert at_once.wrench.force_n == pytest.approx(held.wrench.force_n, rel=1e-3, abs=1e-6)
+    contacts = [pressed.corrected, held.corrected]
+    batch = Contact.stack(contacts)
+    for contact, change_mm, part in zip(contacts, batch.thickness_change_mm, batch.unstack(), strict=True):
+        assert change_mm == pytest.approx(contact.thickness_change_mm, abs=1e-6)
+        assert part.left == contact.left
 
 
 def test_an_object_sinks_in_under_a_held_load_until_the_modulus_that_is_left_bears_it(twin: Twin) -> None:

@@ -1,6 +1,7 @@
 """The path on the page: that of a key on a twin is the true one, it is computed only while it is wanted, and begins anew; that of a
 recording is the one that the sensor had."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from small_sensor import wait_until
 
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.mechanics.pose import Pose
-from ninedtact.quantities import Frame
+from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.metadata import RecordingMetadata
 from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, Topic
@@ -48,6 +49,20 @@ def test_path_and_turn_of_a_key_are_the_true_ones(turned_key: list[tuple[Press, 
     assert np.degrees(abs(seen.turn_rad - true.turn_rad)) < 1.0 and np.degrees(seen.turn_std_rad) < 1.5
     assert 0 <= true.sticking_share <= 1
     assert follower.at(turned_key[3][1].stamp_ns).stamp_ns == turned_key[3][1].stamp_ns
+
+
+def test_a_path_goes_on_after_an_image_that_cannot_be_used(turned_key: list[tuple[Press, Reading]]) -> None:
+    presses = {reading.stamp_ns: press for press, reading in turned_key}
+    follower = ObjectFollower(presses.get, is_wanted=True)
+    for number, (_, reading) in enumerate(turned_key):
+        dark = replace(reading)
+        vars(dark)["image_warnings"] = (EstimateWarning.IMAGE_DARK,)
+        follower.add(dark if number in (3, 4) else reading)
+    unseen, found = (follower.at(turned_key[number][1].stamp_ns) for number in (3, -1))
+    assert unseen.seen is None and unseen.doubt
+    assert found.seen is not None and found.true is not None and len(found.seen.places_mm) == 5 and not found.doubt
+    assert np.linalg.norm(found.seen.moved_mm - found.true.moved_mm) < 0.08
+    assert np.degrees(abs(found.seen.turn_rad - found.true.turn_rad)) < 1.0
 
 
 def test_nothing_is_followed_while_nobody_looks_and_a_path_begins_when_somebody_does(

@@ -178,7 +178,7 @@ def test_what_a_slider_sets_is_what_is_simulated_measured_and_shown(
         shown = re.search(r"maximum indentation\s*([\d.]+)", said)
         assert shown is not None and float(shown[1]) == pytest.approx(moment.reading.max_indentation_mm, abs=0.03)
         assert moment.followed.seen is not None and moment.followed.true is not None
-        assert re.search(r"(static|incipient|gross)\s+x mm\s+y mm\s+turn\s+sticks\s+seen\s.*\s+true\s", said)
+        assert re.search(r"(no|incipient|gross) slip\s+x mm\s+y mm\s+turn\s+sticks\s+● estimated\s.*\s+● true\s", said)
         force_n = float(view.press.corrected.wrench().force_n[2])
         assert f_z_on_page(said) == pytest.approx(force_n, abs=0.02)
         estimate, std = re.findall(r"[\d.]+", f_z_row(said)[2])
@@ -395,6 +395,18 @@ def test_a_hand_holds_depth_load_and_place_and_a_refused_step_leaves_the_object(
     assert press is None and stage.contact(81) is not None
     press = stage.press_at(stage.clock.start_ns + round(81e9 / 10))
     assert press is not None and press.indenter is PRESSED.indenter
+
+
+def test_what_is_refused_to_move_can_be_lifted() -> None:
+    hand = SimulatedHand()
+    stage = PressSequence(TWIN, [PRESSED], 10.0, real_time=False, hand=hand)
+    hand.take(indenter_from_name("ball:4"))
+    hand.aim(HandTarget(Pose(11.0, 0.0, 0.8)))
+    stage.contact(8)
+    hand.aim(HandTarget(Pose(40.0, 0.0, 0.8)))
+    assert stage.contact(30).touches and "nearer to the centre" in hand.refusal
+    hand.aim(HandTarget(Pose(40.0, 0.0, -0.5)))
+    assert not stage.contact(40).touches
 
 
 def stl(mesh: trimesh.Trimesh) -> bytes:

@@ -89,6 +89,29 @@ def test_what_cannot_be_followed_is_lost_with_its_reason() -> None:
     assert tracker.update(dark).reason == "image dark"  # type: ignore[arg-type]
 
 
+def skin_under_ball_and_bar(with_bar: bool, deep_mm: float) -> HeightMap:
+    """The skin under a ball with a bar beside it, which is 0.5 mm less deep."""
+
+    def underside(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        bar = -0.5 / (1 + np.exp((4.5 - x) / 0.1)) if with_bar else np.zeros_like(x)
+        return np.minimum(np.minimum(ball(x, y), bar) + 1 - deep_mm, 0)
+
+    return seen_height(underside, RigidMotion())
+
+
+@pytest.mark.usefixtures("without_type_checks")
+@pytest.mark.parametrize(
+    ("had_bar", "deep_mm", "state"), [(False, 1.0, TrackState.LOST), (True, 0.5, TrackState.TRACKED)]
+)
+def test_what_would_have_been_inside_the_gel_is_another_object_and_what_was_above_it_is_the_same(
+    had_bar: bool, deep_mm: float, state: TrackState
+) -> None:
+    tracker = ObjectTracker()
+    tracker.update(Seen(skin_under_ball_and_bar(had_bar, deep_mm)))  # type: ignore[arg-type]
+    found = tracker.update(Seen(skin_under_ball_and_bar(True, 1.0)))  # type: ignore[arg-type]
+    assert found.state == state and ("inside the gel" in found.reason) == (state == TrackState.LOST)
+
+
 @pytest.fixture(scope="module")
 def pressed_key(physical_sensor: SensorFolder, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Pose]:
     """A reference image, and a folder of images of a key that is pressed on the twin, dragged and turned; and its last pose."""

@@ -16,7 +16,7 @@ from ninedtact.recording.episode_sensors import write_episode_sensors
 from ninedtact.recording.export import WRENCH_COLUMNS, require_empty_folder, require_exportable
 from ninedtact.recording.followed_recording import follow_recording
 from ninedtact.recording.reader import Recording
-from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
 
 SENSORS = "ninedtact"
@@ -32,6 +32,8 @@ UNKNOWN_STD = 1e6
 _RATE_TOLERANCE = 0.05
 """Relative difference from the common rate up to which recordings are taken to have it: two recordings of one camera differ."""
 _MOST_FPS = 1000
+_MOST_REPEATS = 1000
+"""Frames for each image, on average, up to which a recording may be filled with repeated images at --fps."""
 
 
 def export_lerobot(
@@ -133,8 +135,8 @@ def _frames_per_second(recordings: Sequence[Recording], fps: int | None) -> int:
             raise InputError(expected=f"1 to {_MOST_FPS} frames per second", got=f"{fps}", remedy="give another --fps")
         return fps
     stamps_ns = {recording.path: recording.stamps_ns(Topic.IMAGES) for recording in recordings}
-    rates_hz = {path: median_rate_hz(stamps) for path, stamps in stamps_ns.items() if len(stamps) > 1}
-    common_hz = float(np.median([*rates_hz.values()])) if rates_hz else median_rate_hz(np.empty(0, np.int64))
+    rates_hz = {path: usual_rate_hz(stamps) for path, stamps in stamps_ns.items() if len(stamps) > 1}
+    common_hz = float(np.median([*rates_hz.values()])) if rates_hz else usual_rate_hz(np.empty(0, np.int64))
     for path, rate_hz in rates_hz.items():
         if abs(rate_hz - common_hz) > _RATE_TOLERANCE * common_hz:
             raise InputError(
@@ -142,7 +144,14 @@ def _frames_per_second(recordings: Sequence[Recording], fps: int | None) -> int:
                 got=f"{path} at {rate_hz:.1f} Hz",
                 remedy="give the data set a rate with --fps, which takes the nearest images, or export it separately",
             )
-    return max(1, round(common_hz))
+    whole_hz = max(1, round(common_hz))
+    if abs(whole_hz - common_hz) > _RATE_TOLERANCE * common_hz:
+        raise InputError(
+            expected=f"a rate within {_RATE_TOLERANCE:.0%} of a whole number of frames per second",
+            got=f"{common_hz:.2g} Hz",
+            remedy="give the data set a rate with --fps, which takes the nearest images",
+        )
+    return whole_hz
 
 
 def _frames_of_images(stamps_ns: NDArray[np.int64], fps: int | None) -> NDArray[np.int64]:
@@ -150,6 +159,13 @@ def _frames_of_images(stamps_ns: NDArray[np.int64], fps: int | None) -> NDArray[
     if fps is None:
         return np.ones(len(stamps_ns), np.int64)
     since_ns = stamps_ns - stamps_ns[0]
+    frames = int(since_ns.max()) * fps // 10**9
+    if frames > _MOST_REPEATS * len(stamps_ns):
+        raise InputError(
+            expected=f"at most {_MOST_REPEATS} frames for each image",
+            got=f"{len(stamps_ns)} images in {since_ns.max() * 1e-9:.0f} s, which are {frames} frames",
+            remedy="leave out --fps, or take a lower rate",
+        )
     frames_ns = np.arange(int(since_ns.max() * fps * 1e-9 + 0.5) + 1) * (1e9 / fps)
     order = np.argsort(since_ns, kind="stable")
     ahead = np.searchsorted((since_ns[order][1:] + since_ns[order][:-1]) / 2, frames_ns)

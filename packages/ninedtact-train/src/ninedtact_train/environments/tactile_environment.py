@@ -137,16 +137,13 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Arrange the scene anew, and advance it until the sensor touches."""
+        """Arrange the scene anew, and advance it until the sensor touches; raises `SimulationError` where it does not in time."""
         super().reset(seed=seed)
         mujoco.mj_resetData(self.model, self.data)
         self.arrange_scene()
         (self._calibrated or self.sensor).open()
         self._steps = self._lost = 0
-        approach = np.array(self.approach)
-        reading = self._advance(np.zeros_like(approach))
-        while -reading.scene_wrench.force_n[2] < TOUCH_N:
-            reading = self._advance(approach)
+        reading = self._approach()
         self._distance_before_mm = self.distance_mm
         return self._observation(reading), self.state(reading)
 
@@ -227,6 +224,20 @@ class TactileEnvironment(gymnasium.Env[Observation, np.ndarray]):  # type: ignor
     def more_observations(self) -> Observation:
         """Return the task's own observations."""
         return {}
+
+    def _approach(self) -> TactileReading:
+        """Let the scene settle and the sensor approach, and return the first reading that touches."""
+        action = np.zeros(len(self.approach))
+        for _ in range(_MAX_STEPS):
+            reading = self._advance(action)
+            if -reading.scene_wrench.force_n[2] >= TOUCH_N:
+                return reading
+            action = np.array(self.approach)
+        raise SimulationError(
+            expected=f"the sensor to touch with {TOUCH_N:g} N within {_MAX_STEPS} steps",
+            got=f"{abs(reading.scene_wrench.force_n[2]):.3g} N",
+            remedy="correct the task's `approach`, or where `arrange_scene` places things",
+        )
 
     def _advance(self, action: Any) -> TactileReading:
         """Act for one step and return the reading after it."""

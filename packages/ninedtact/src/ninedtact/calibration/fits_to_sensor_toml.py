@@ -17,7 +17,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     FittedParameterTable,
     LensModelTable,
     PinMapTable,
-    SecondBallQuality,
+    SecondPressQuality,
     TwinFitQuality,
     TwinTable,
     make_lens_model_table,
@@ -159,17 +159,24 @@ def make_ball_quality(reference: BgrImage, ball: BallFit, design: SensorDesign, 
     )
 
 
-def make_second_ball_quality(twin: TwinFit, alone: TwinFit) -> SecondBallQuality:
-    """Return the quality of the press of the second ball. alone: the fit of the first press without the second."""
-    second, deviations = twin.further[0], twin.uncertainty.standard_deviations
-    return SecondBallQuality(
-        second.ball.radius_mm,
+def make_second_press_quality(twin: TwinFit, alone: TwinFit) -> SecondPressQuality:
+    """Return the quality of a second press. twin: the fit of the first ball and this press. alone: that of the first ball alone."""
+    (second,), deviations = twin.further, twin.uncertainty.standard_deviations
+    pressed, first, first_alone = (
+        second.object,
+        deviations["depth_mm"],
+        alone.uncertainty.standard_deviations["depth_mm"],
+    )
+    return SecondPressQuality(
+        pressed.radius_mm,
         second.press.depth_mm,
         deviations["press_2_depth_mm"],
         second.residual_rms_grey_levels,
-        deviations["depth_mm"],
+        twin.press.depth_mm,
+        first,
         alone.press.depth_mm,
-        alone.uncertainty.standard_deviations["depth_mm"],
-        second.implied_radius.mm,
-        second.implied_radius.std_mm,
+        first_alone,
+        *(pressed.known_depth or (pressed.radius_mm, 0.0)),
+        second.implied.mm,
+        second.implied.std_mm,
     )

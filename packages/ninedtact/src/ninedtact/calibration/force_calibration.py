@@ -40,7 +40,6 @@ from ninedtact.force.estimator_loading import NONE, PHYSICS
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.calibrated_shape import DepthReader
-from ninedtact.shape.image_plausibility import require_plausible_image
 
 STANDARD_GRAVITY = 9.80665
 _BASES_APART = 2.0
@@ -89,8 +88,7 @@ class _PressReader:
             self._last = press.references, self.folder.shape.depth_reader(*press.references)
         depth_reader = self._last[1]
         reading = read_frame(press.frame, self.folder.shape, depth_reader)
-        require_plausible_image(press.name, reading.rectified, depth_reader.reference, reading.height, reading.light)
-        load_reference_image_checker(self.folder).require_in_focus(press.name, reading.frame.image, press.references)
+        load_reference_image_checker(self.folder).require_press(press.name, reading, press.references)
         return reading
 
 

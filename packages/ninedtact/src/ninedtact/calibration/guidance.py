@@ -5,24 +5,23 @@ its condition holds in several successive images that hardly differ; the step re
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from time import monotonic
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_press import find_usable_contact_circle
-from ninedtact.calibration.ball.contact_circle import BallPressUnusable, spherical_cap_height_mm
+from ninedtact.calibration.ball.contact_circle import BallPressUnusable, ContactCircle, spherical_cap_height_mm
+from ninedtact.calibration.ball.second_press import PressedBall, SecondObject, second_object
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.brightness_change import flat_fielded_brightness_change, overexposed_share, smooth_gaussian
 from ninedtact.calibration.certificate.checks import CONTRAST_TO_NOISE
 from ninedtact.calibration.sensor_toml_schema import MAX_ASYMMETRY
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.design import SensorDesign
+from ninedtact.design import SecondKind, SensorDesign
 from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
@@ -133,16 +132,18 @@ ImageWatcher = Callable[[BgrImage], CalibrationStepAdvice]
 class CaptureStep:
     """One of the images: its instruction, and the watcher that evaluates frames."""
 
-    name: Literal["board_reference", "board", "ball_reference", "ball", "second_ball_reference", "second_ball"]
+    name: str
+    """Name of the image among those of a calibration."""
     instruction: str
     watch: Callable[[dict[str, BgrImage]], ImageWatcher]
     """Builds the watcher from the images taken so far."""
 
 
 def guided_capture_steps(
-    design: SensorDesign, settings: CalibrationSettings, second_ball: bool = False
+    design: SensorDesign, settings: CalibrationSettings, second: Sequence[SecondKind] = ()
 ) -> Iterator[CaptureStep]:
-    """Yield the steps in order: four, and two more for a second ball."""
+    """Yield the steps in order: four, and two more for every second object; raises `InputError` for one too deep for the gel."""
+    objects = [second_object(kind, design) for kind in second]
     yield CaptureStep("board_reference", "Do not touch the gel.", lambda taken: make_untouched_skin_watcher(None))
     yield CaptureStep(
         "board",
@@ -155,26 +156,36 @@ def guided_capture_steps(
     yield CaptureStep(
         "ball",
         f"Press the ball (radius {design.ball.radius_mm:g} mm) straight down near the middle, 1 to 2 mm deep, and hold it.",
-        lambda taken: _BallPressWatcher(
-            taken["ball_reference"], _rectification_from_board(taken, design, settings), design, settings
-        ),
+        _press_watcher("ball_reference", PressedBall(design.ball.radius_mm), design, settings),
     )
-    if not second_ball:
-        return
-    second = replace(design, ball=design.ball.second)
-    least_mm, most_mm = _best_depth_mm(second)
-    yield CaptureStep(
-        "second_ball_reference",
-        "Take the ball away.",
-        lambda taken: make_untouched_skin_watcher(taken["ball_reference"]),
-    )
-    yield CaptureStep(
-        "second_ball",
-        f"Press the second ball (radius {second.ball.radius_mm:g} mm) straight down near the middle, {least_mm:.1f} to "
-        f"{most_mm:.1f} mm deep, and hold it.",
-        lambda taken: _BallPressWatcher(
-            taken["second_ball_reference"], _rectification_from_board(taken, design, settings), second, settings
-        ),
+    for pressed in objects:
+        yield CaptureStep(
+            f"{pressed.kind}_reference",
+            "Take it away.",
+            lambda taken: make_untouched_skin_watcher(taken["ball_reference"]),
+        )
+        yield CaptureStep(
+            pressed.kind,
+            f"{_press_instruction(pressed)}, and hold it.",
+            _press_watcher(f"{pressed.kind}_reference", pressed, design, settings),
+        )
+
+
+def _press_instruction(pressed: SecondObject) -> str:
+    """Return how a second object is pressed."""
+    name = f"Press the {pressed.name} (radius {pressed.radius_mm:g} mm) straight down near the middle"
+    if pressed.known_depth is not None:
+        return f"{name} to its stop, {pressed.known_depth[0]:g} mm deep"
+    least_mm, most_mm = _best_depth_mm(pressed)
+    return f"{name}, {least_mm:.1f} to {most_mm:.1f} mm deep"
+
+
+def _press_watcher(
+    reference: str, pressed: SecondObject, design: SensorDesign, settings: CalibrationSettings
+) -> "Callable[[dict[str, BgrImage]], _RoundPressWatcher]":
+    """Return what builds the watcher of a press. reference: name of the image of the skin before it."""
+    return lambda taken: _RoundPressWatcher(
+        taken[reference], _rectification_from_board(taken, design, settings), pressed, settings
     )
 
 
@@ -275,12 +286,12 @@ class _BoardPressWatcher:
 
 
 @dataclass
-class _BallPressWatcher:
+class _RoundPressWatcher:
     """Measures the disc; accepts a still, even press of useful depth, or after several still presses any that can be calibrated."""
 
     reference: BgrImage
     rectify: Rectification
-    design: SensorDesign
+    pressed: SecondObject
     settings: CalibrationSettings
     still: _StillFrameAverager = field(default_factory=_StillFrameAverager)
     patience: int = PATIENCE
@@ -289,19 +300,16 @@ class _BallPressWatcher:
         """Evaluate one image."""
         try:
             before, after = self.rectify(Frame(self.reference)), self.rectify(Frame(image))
-            circle = find_usable_contact_circle(before, after, self.design.ball, self.settings.method)
+            circle = self.pressed.find_contact(before, after, self.settings.method)
         except BallPressUnusable as refusal:
             self.still.images.clear()
             return CalibrationStepAdvice(str(refusal).partition(", got ")[2])
-        radius_mm = min(circle.radius_px * self.rectify.mm_per_px, self.design.ball.radius_mm)
-        depth_mm = spherical_cap_height_mm(self.design.ball.radius_mm, radius_mm)
-        advice = _ball_press_advice(depth_mm, circle.asymmetry, _best_depth_mm(self.design))
+        seen, advice = _press_advice(self.pressed, circle, circle.radius_px * self.rectify.mm_per_px)
         mean = self.still.add(image)
         if mean is None or (advice and self._awaits_better_press()):
-            return CalibrationStepAdvice(
-                f"{depth_mm:.2f} mm deep, {advice or f'hold still {len(self.still)}/{AVERAGED}'}"
-            )
-        return CalibrationStepAdvice(f"ball taken: {depth_mm:.2f} mm deep, uneven by {circle.asymmetry:.0%}", mean)
+            return CalibrationStepAdvice(f"{seen}, {advice or f'hold still {len(self.still)}/{AVERAGED}'}")
+        name = "ball" if self.pressed.known_depth is None else self.pressed.name
+        return CalibrationStepAdvice(f"{name} taken: {seen}, uneven by {circle.asymmetry:.0%}", mean)
 
     def _awaits_better_press(self) -> bool:
         """Return whether a better press is still awaited; this one counts, and the next must be held still again."""
@@ -310,20 +318,21 @@ class _BallPressWatcher:
         return self.patience > 0
 
 
-def _best_depth_mm(design: SensorDesign) -> tuple[float, float]:
-    """Return the least and the largest depth of a good press of the design's ball; a small one is soon as wide as its disc."""
+def _best_depth_mm(ball: SecondObject) -> tuple[float, float]:
+    """Return the least and the largest depth of a good press of a ball; a small one is soon as wide as its disc."""
     least_mm, most_mm = BEST_DEPTH_MM
-    return min(least_mm, 0.25 * design.ball.radius_mm), min(most_mm, 0.55 * design.ball.radius_mm)
+    return min(least_mm, 0.25 * ball.radius_mm), min(most_mm, 0.55 * ball.radius_mm)
 
 
-def _ball_press_advice(depth_mm: float, asymmetry: float, best_mm: tuple[float, float]) -> str:
-    """Return advice that would improve this ball press."""
-    least_mm, most_mm = best_mm
-    if depth_mm < least_mm:
-        return "press deeper"
-    if depth_mm > most_mm:
-        return "press less deep"
-    return "press straight down, it is sheared" if asymmetry > MAX_ASYMMETRY else ""
+def _press_advice(pressed: SecondObject, circle: ContactCircle, disc_mm: float) -> tuple[str, str]:
+    """Return what is seen of a press, and advice that would improve it; a flat end is as deep as its stop lets it go."""
+    sheared = "press straight down, it is sheared" if circle.asymmetry > MAX_ASYMMETRY else ""
+    if pressed.known_depth is not None:
+        return f"a disc of {disc_mm:.2f} mm", ""
+    depth_mm = spherical_cap_height_mm(pressed.radius_mm, min(disc_mm, pressed.radius_mm))
+    least_mm, most_mm = _best_depth_mm(pressed)
+    too = "press deeper" if depth_mm < least_mm else "press less deep" if depth_mm > most_mm else ""
+    return f"{depth_mm:.2f} mm deep", too or sheared
 
 
 def _rectification_from_board(

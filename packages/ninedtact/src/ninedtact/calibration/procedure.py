@@ -9,14 +9,17 @@ gives the depth of its imprints, the viewing distance and so the lens; the ball 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
+from itertools import chain
 
 from msgspec import structs
 from threadpoolctl import threadpool_limits
 
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
-from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press, find_second_press
+from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
+from ninedtact.calibration.ball.second_press import find_second_presses
 from ninedtact.calibration.board.board_fit import BoardFit, build_rectification, fit_board
 from ninedtact.calibration.brightness_change import (
     different_skin_warnings,
@@ -31,7 +34,7 @@ from ninedtact.calibration.fits_to_sensor_toml import (
     lens_to_toml_table,
     make_ball_quality,
     make_board_quality,
-    make_second_ball_quality,
+    make_second_press_quality,
     twin_to_toml_table,
 )
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -43,7 +46,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     PinMapTable,
     PixelMapTable,
     ProbableCause,
-    SecondBallQuality,
+    SecondPressQuality,
     SensorTomlRecord,
     require_sensor_id,
 )
@@ -51,7 +54,7 @@ from ninedtact.calibration.settings import CalibrationSettings, LensKind
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.lens_refinement import BoardPressFit, fit_board_press_and_lens, refine_board_lens
 from ninedtact.calibration.twin.observed_presses import ObservedBoardPress
-from ninedtact.design import SensorDesign
+from ninedtact.design import SECOND_KINDS, SecondKind, SensorDesign
 from ninedtact.errors import CalibrationError, InputError
 from ninedtact.quantities import BgrImage, Frame, HeightSource
 from ninedtact.shape.depth import DepthMethod, Smoothing
@@ -64,15 +67,19 @@ second corrects the effect of that.
 
 
 BOARD_NAMES, BALL_NAMES = ("board_reference", "board"), ("ball_reference", "ball")
-SECOND_BALL_NAMES = ("second_ball_reference", "second_ball")
 """Names of the two images of each press, as fields of `CalibrationImages` and as files of a folder."""
+
+
+def second_image_names(kind: SecondKind) -> tuple[str, str]:
+    """Return the names of the two images of a second press, likewise."""
+    return f"{kind}_reference", kind
 
 
 @dataclass(frozen=True)
 class CalibrationImages:
     """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing.
 
-    A second ball, of another radius or pressed to another depth, tells the base of the gel, and so the true depth.
+    A second press, of a ball of another radius or of a flat end at a known depth, tells the base of the gel, and so the true depth.
     """
 
     board_reference: BgrImage | None = None
@@ -81,6 +88,8 @@ class CalibrationImages:
     ball: BgrImage | None = None
     second_ball_reference: BgrImage | None = None
     second_ball: BgrImage | None = None
+    flat_end_reference: BgrImage | None = None
+    flat_end: BgrImage | None = None
 
     @property
     def board_pair(self) -> tuple[BgrImage, BgrImage] | None:
@@ -93,11 +102,10 @@ class CalibrationImages:
         return None if self.ball_reference is None or self.ball is None else (self.ball_reference, self.ball)
 
     @property
-    def second_ball_pair(self) -> tuple[BgrImage, BgrImage] | None:
-        """The skin before the second ball and under it; None where none was pressed."""
-        if self.second_ball_reference is None or self.second_ball is None:
-            return None
-        return self.second_ball_reference, self.second_ball
+    def second_pairs(self) -> dict[SecondKind, tuple[BgrImage, BgrImage]]:
+        """The skin before each second object that was pressed, and under it."""
+        pairs = {kind: [getattr(self, name) for name in second_image_names(kind)] for kind in SECOND_KINDS}
+        return {kind: (pair[0], pair[1]) for kind, pair in pairs.items() if all(image is not None for image in pair)}
 
 
 @dataclass(frozen=True)
@@ -198,7 +206,7 @@ def _fit_presses(
     if images.ball_pair is None:
         return CalibrationFits(board, rectify)
     on_step("fitting gel and light to the image of the ball")
-    second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
+    second = find_second_presses(rectify, images.second_pairs, design, settings.method)
     ball = fit_ball(rectify, *images.ball_pair, design, settings.method, settings.smoothing, second)
     fits = CalibrationFits(board, rectify, ball)
     # The twin predicts the board through a lens model alone.
@@ -233,7 +241,7 @@ def _alternate_board_and_ball(
         on_step("fitting gel and light to the image of the ball")
         try:
             press = find_ball_press(rectify, *ball_pair, design.ball, "physics")
-            second = find_second_press(rectify, images.second_ball_pair, design, settings.method)
+            second = find_second_presses(rectify, images.second_pairs, design, settings.method)
             # What the board tells of the view may lead to another base, which is estimated anew once.
             base = None if fits.board_press is None else twin.base
             ball = fit_ball_by_physics(press, design, board_press.priors, twin.presses, second, base)
@@ -277,9 +285,11 @@ def _make_record(
             twin = twin_to_toml_table(fits.twin, noise_grey_levels, fits.board_press)
     board_quality = None if board is None else make_board_quality(board, rectify, settings.lens)
     lengths = assess_stated_lengths(board, fits.twin, design)
-    second = _second_ball_quality(fits, design)
+    second = _second_press_qualities(images, fits, design)
     warnings = _warnings(images, fits, design) + little_gain_warnings(second)
-    certificate = Certificate(board_quality, ball_quality, second, lengths, warnings)
+    certificate = Certificate(
+        board_quality, ball_quality, second.get("second_ball"), second.get("flat_end"), lengths, warnings
+    )
     is_impossible = fits.ball is not None and bool(press_through_gel_warnings(fits.ball.max_indentation_mm, design.gel))
     cause = find_probable_cause(certificate, cause_in_images, _turned_board_warning(fits), is_impossible)
     return SensorTomlRecord(
@@ -323,21 +333,26 @@ def _warnings(images: CalibrationImages, fits: CalibrationFits, design: SensorDe
     if images.board_pair is not None and images.ball_pair is not None:
         references = images.board_pair[0], images.ball_pair[0]
         warnings += [*reference_mismatch_warnings(*references), *different_skin_warnings(*references)]
-    if images.ball_pair is not None and images.second_ball_pair is not None:
-        references = images.ball_pair[0], images.second_ball_pair[0]
-        warnings += different_skin_warnings(*references, "ball", "second ball")
+    for kind, (reference, _) in images.second_pairs.items():
+        if images.ball_pair is not None:
+            warnings += different_skin_warnings(images.ball_pair[0], reference, "ball", kind.replace("_", " "))
     return warnings
 
 
-def _second_ball_quality(fits: CalibrationFits, design: SensorDesign) -> SecondBallQuality | None:
-    """Return the quality of the press of the second ball, None where there is none.
+def _second_press_qualities(
+    images: CalibrationImages, fits: CalibrationFits, design: SensorDesign
+) -> dict[SecondKind, SecondPressQuality]:
+    """Return the quality of every second press.
 
-    The first press is fitted again alone, to compare its depth without the second one.
+    The first press is fitted again alone, and of several second presses with each alone, to compare its depth.
     """
     if fits.ball is None or fits.twin is None or not fits.twin.further:
-        return None
+        return {}
     priors = () if fits.board_press is None else fits.board_press.priors
-    return make_second_ball_quality(fits.twin, fit_twin_to_ball_press(fits.ball.press, design, priors))
+    fit_with = partial(fit_twin_to_ball_press, fits.ball.press, design, priors)
+    alone, presses = fit_with(), find_second_presses(fits.rectify, images.second_pairs, design, "physics")
+    with_each = {one.object.kind: fits.twin if len(presses) == 1 else fit_with(further=(one,)) for one in presses}
+    return {kind: make_second_press_quality(twin, alone) for kind, twin in with_each.items()}
 
 
 def _turned_board_warning(fits: CalibrationFits) -> str | None:
@@ -351,26 +366,23 @@ def _turned_board_warning(fits: CalibrationFits) -> str | None:
 def repeat_calibration(
     folder: SensorFolder,
     method: DepthMethod,
-    ball: tuple[BgrImage, BgrImage] | None = None,
+    new: CalibrationImages = CalibrationImages(),
     design: SensorDesign | None = None,
     on_step: Callable[[str], None] = lambda step: None,
     smoothing: Smoothing | None = None,
-    second_ball: tuple[BgrImage, BgrImage] | None = None,
 ) -> Calibration:
     """Calibrate from the stored images, with the stored lens and mounting, or through the imported rectification.
 
-    ball, second_ball: new images of the skin before the ball and under it, in place of stored ones; those of a second ball are used
-    by the method `physics` alone. design, smoothing: in place of the stored ones. Raises `SensorFolderDamaged` where images are
-    missing, `CalibrationError` where none of a ball are stored or given, and what `calibrate` raises.
+    new: images of the ball and of second presses in place of stored ones; the method `physics` alone uses second presses. design,
+    smoothing: in place of the stored ones. Raises `SensorFolderDamaged` where images are missing, `CalibrationError` where
+    none of a ball are stored or given, and what `calibrate` raises.
     """
     names = BALL_NAMES if folder.is_imported else (*BOARD_NAMES, *BALL_NAMES)
-    new = {} if ball is None else dict(zip(BALL_NAMES, ball, strict=True))
-    if second_ball is not None:
-        new |= dict(zip(SECOND_BALL_NAMES, second_ball, strict=True))
-    if SECOND_BALL_NAMES[0] in {*new, *folder.record.images} and method == "physics":
-        names = (*names, *SECOND_BALL_NAMES)
+    given = {name: image for name, image in vars(new).items() if image is not None}
+    seconds = (second_image_names(kind) for kind in SECOND_KINDS if method == "physics")
+    names = (*names, *chain.from_iterable(pair for pair in seconds if {*pair} <= {*given, *folder.record.images}))
     images = CalibrationImages(
-        **{name: new[name] if name in new else folder.stored_image(name).image for name in names}
+        **{name: given[name] if name in given else folder.stored_image(name).image for name in names}
     )
     record = folder.record
     lens: LensKind = "paper" if isinstance(record.lens, PinMapTable) else "model"

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
+from ninedtact.calibration.ball.second_press import PressedBall, PressedFlatEnd, SecondObject
 from ninedtact.calibration.fits_to_sensor_toml import fitted_ball_press
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import (
@@ -31,9 +32,9 @@ from ninedtact.calibration.twin.fit_parameters import (
     share_left_of_model_error,
 )
 from ninedtact.calibration.twin.gel_base import MODULUS_RATIO_MODEL_STD
-from ninedtact.calibration.twin.observed_presses import REACH_MM
-from ninedtact.design import SensorDesign
-from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter, LyingCylinder
+from ninedtact.calibration.twin.observed_presses import REACH_MM, is_off_rim, tilt_basis
+from ninedtact.design import SecondKind, SensorDesign
+from ninedtact.mechanics.indenter import Ball, Indenter, LyingCylinder
 from ninedtact.mechanics.pose import InvalidPose
 from ninedtact.simulation.calibration_images import SECOND_BALL_DEPTH
 from ninedtact.simulation.calibration_press_models import BallPressModel, BallPressParameters
@@ -49,8 +50,8 @@ _RELATIVE_MODULUS_STD = 0.25
 """Relative standard deviation of the modulus of a silicone of known hardness."""
 _RELATIVE_LOAD_STD = 0.03
 """Error of a load on a kitchen scale, with that of the model of loads (docs/mechanics.md)."""
-_KNOWN_DEPTH_STD_MM = 0.03
-"""Error of a depth that a feeler gauge sets, contact included."""
+_FLAT_DEPTH = 0.35
+"""Largest depth of a planned flat end, as a fraction of the thickness of the gel."""
 _COIN_RADIUS_MM, _COIN_WIDTH_MM = 11.6, 2.3
 """Radius and width of a coin of one euro, on its edge."""
 _DARKENING, _BRIGHTENING = 1, 2
@@ -82,13 +83,21 @@ class CandidatePress:
     name: str
     indenter: Indenter
     depth_mm: float
-    has_known_depth: bool = False
+    second: SecondObject | None = None
+    """What a calibration would fit; None for an object that it does not use."""
     has_known_load: bool = False
 
+    @classmethod
+    def of(
+        cls, second: SecondObject, depth_mm: float, name: str = "", has_known_load: bool = False
+    ) -> "CandidatePress":
+        """Return the press of an object that a calibration uses."""
+        return cls(name or second.name, second.indenter, depth_mm, second, has_known_load)
+
     @property
-    def second_radius_mm(self) -> float | None:
-        """Radius of a ball; None for another object."""
-        return self.indenter.radius_mm if isinstance(self.indenter, Ball) else None
+    def calibrates(self) -> bool:
+        """Whether a calibration uses all that the press tells."""
+        return self.second is not None and not self.has_known_load
 
 
 @dataclass(frozen=True)
@@ -113,9 +122,13 @@ class PressPlan:
     candidates: tuple[tuple[CandidatePress, PlannedErrors], ...]
 
     @property
-    def best_ball(self) -> CandidatePress:
-        """The best of the candidates that a calibration uses: another ball, or the same one again."""
-        return next(one for one, _ in self.candidates if one.second_radius_mm and not one.has_known_load)
+    def calibrating(self) -> tuple[CandidatePress, ...]:
+        """The best of the candidates of each kind that a calibration uses, the best first."""
+        best: dict[SecondKind, CandidatePress] = {}
+        for one, _ in self.candidates:
+            if one.calibrates and one.second is not None:
+                best.setdefault(one.second.kind, one)
+        return tuple(best.values())
 
 
 def known_press_of_sensor(folder: SensorFolder) -> KnownPress:
@@ -156,21 +169,21 @@ def candidate_presses(known: KnownPress) -> Iterator[CandidatePress]:
     ball, depth_mm = known.design.ball, known.press.depth_mm
     for factor in (0.4, 0.6, 1.5, 2.5):
         radius_mm = round(factor * ball.radius_mm, 1)
-        yield CandidatePress(
-            f"ball of radius {radius_mm:g} mm",
-            Ball(radius_mm),
+        yield CandidatePress.of(
+            PressedBall(radius_mm),
             depth_mm * min(1.0, SECOND_BALL_DEPTH * radius_mm / depth_mm, ball.radius_mm / radius_mm),
+            f"ball of radius {radius_mm:g} mm",
         )
-    same = Ball(ball.radius_mm)
-    yield CandidatePress("the same ball, half as deep", same, 0.5 * depth_mm)
-    yield CandidatePress("the same ball, a quarter deeper", same, 1.25 * depth_mm)
-    yield CandidatePress("the same ball, as deep", same, depth_mm)
-    yield CandidatePress("the same ball on a kitchen scale", same, depth_mm, has_known_load=True)
+    same = PressedBall(ball.radius_mm)
+    yield CandidatePress.of(same, 0.5 * depth_mm, "the same ball, half as deep")
+    yield CandidatePress.of(same, 1.25 * depth_mm, "the same ball, a quarter deeper")
+    yield CandidatePress.of(same, depth_mm, "the same ball, as deep")
+    yield CandidatePress.of(same, depth_mm, "the same ball on a kitchen scale", has_known_load=True)
     yield CandidatePress("edge of a coin", LyingCylinder(_COIN_RADIUS_MM, _COIN_WIDTH_MM), 0.7 * depth_mm)
-    punch = FlatPunch(3.0, 0.3)
-    yield CandidatePress(
-        "flat end of 6 mm at a known depth (feeler gauge)", punch, 0.4 * depth_mm, has_known_depth=True
-    )
+    flat = known.design.flat_end
+    flat = replace(flat, depth_mm=min(flat.depth_mm, _FLAT_DEPTH * known.press.thickness_mm))
+    name = f"flat end of {2 * flat.radius_mm:g} mm at a known depth (feeler gauge)"
+    yield CandidatePress.of(PressedFlatEnd(flat), flat.depth_mm, name)
 
 
 def plan_second_press(known: KnownPress) -> PressPlan:
@@ -190,7 +203,8 @@ def errors_with_candidate(known: KnownPress, candidate: CandidatePress) -> Plann
 
 def _errors_with(known: KnownPress, first: "_PressInformation", candidate: CandidatePress) -> PlannedErrors:
     press = replace(known.press, depth_mm=candidate.depth_mm, drag_x_mm=0.0, drag_y_mm=0.0, x_mm=0.0, y_mm=0.0)
-    return _errors(known, first, _PressInformation.of(known, press, candidate.indenter), candidate)
+    face_radius_mm = None if candidate.second is None else candidate.second.face_radius_mm
+    return _errors(known, first, _PressInformation.of(known, press, candidate.indenter, face_radius_mm), candidate)
 
 
 @dataclass(frozen=True)
@@ -208,14 +222,24 @@ class _PressInformation:
         return cls.of(known, known.press, Ball(known.design.ball.radius_mm))
 
     @classmethod
-    def of(cls, known: KnownPress, press: BallPressParameters, indenter: Indenter) -> "_PressInformation":
-        """Return the information of a press; raises `InvalidPose` where it leaves nothing of the gel."""
+    def of(
+        cls, known: KnownPress, press: BallPressParameters, indenter: Indenter, face_radius_mm: float | None = None
+    ) -> "_PressInformation":
+        """Return the information of a press; raises `InvalidPose` where it leaves nothing of the gel.
+
+        face_radius_mm: radius of a flat face, whose rim is not fitted and whose tilt is not known.
+        """
         model = BallPressModel(known.design, indenter=indenter).starting_from(press)
-        middle, points_mm = press.centre_mm, _points_around(press)
+        middle, points_mm = press.centre_mm, _points_around(press, face_radius_mm)
+        tilt = None
+        if face_radius_mm is not None:
+            (x, y), (middle_x, middle_y) = points_mm, middle
+            tilt = tilt_basis(x[0] - middle_x, y[0] - middle_y, face_radius_mm)
         brightness = np.array([1.0, known.light.darkening_per_mm, known.light.brightening_per_mm])
 
         def predict(one: BallPressParameters) -> tuple[Float[Array, "n 3"], float]:
             basis = model.linear_basis(one, middle, points_mm)
+            basis = basis if tilt is None else basis - tilt @ (tilt.T @ basis)
             return basis, float(np.log(np.sum(model.contact(one).pressure_mpa)))
 
         basis, log_load = predict(press)
@@ -245,11 +269,15 @@ class _PressInformation:
         return whole
 
 
-def _points_around(press: BallPressParameters) -> tuple[Float32[Array, "1 n"], Float32[Array, "1 n"]]:
+def _points_around(
+    press: BallPressParameters, face_radius_mm: float | None
+) -> tuple[Float32[Array, "1 n"], Float32[Array, "1 n"]]:
     """Return the points at which the image of a press is predicted."""
     axis = np.arange(-REACH_MM, REACH_MM + _POINT_PITCH_MM / 2, _POINT_PITCH_MM)
     x, y = (one.ravel() for one in np.meshgrid(axis, axis))
     inside = np.hypot(x, y) < REACH_MM
+    if face_radius_mm is not None:
+        inside &= is_off_rim(np.hypot(x, y), face_radius_mm)
     return (
         (x[inside] + press.x_mm).astype(np.float32)[None],
         (y[inside] + press.y_mm).astype(np.float32)[None],
@@ -274,9 +302,9 @@ def _errors(
     images = np.sum([one.placed(number, count) for number, one in enumerate(presses)], axis=0)
     beside = _prior_information(known, len(images))
     if second is not None and candidate is not None:
-        if candidate.has_known_depth:
+        if candidate.second is not None and candidate.second.known_depth is not None:
             depth = _SHARED_COUNT + _OWN_COUNT + PARAMETER_NAMES.index("depth_mm")
-            beside[depth, depth] += 1 / _KNOWN_DEPTH_STD_MM**2
+            beside[depth, depth] += 1 / candidate.second.known_depth[1] ** 2
         if candidate.has_known_load:
             row = np.zeros(len(images))
             row[_indices(1)] = second.log_load

@@ -338,7 +338,7 @@ def _parse_record(folder: Path, text: str) -> tuple[SensorTomlRecord, Any, str]:
 def checksum_of_sensor_toml(content: bytes) -> str:
     """Return `SensorFolder.calibration_checksum` of the content of `sensor.toml`; empty where it cannot be read."""
     try:
-        return mapping_checksum(parse_toml(content.decode()), NOT_CALIBRATED)
+        return mapping_checksum(parse_toml(content.decode("utf-8-sig")), NOT_CALIBRATED)
     except ValueError:
         return ""
 

@@ -4,6 +4,7 @@ The file is readable and diffable, and together with the stored images it is eno
 standard deviation.
 """
 
+import math
 import re
 from datetime import datetime
 from typing import Annotated, Any
@@ -12,8 +13,8 @@ import msgspec
 from msgspec import Meta, Struct, field
 
 from ninedtact.bounds_and_checked_reading import mapping_checksum, require_within_bounds
-from ninedtact.design import Gel, SensorDesign
-from ninedtact.errors import InputError
+from ninedtact.design import Gel, SecondKind, SensorDesign
+from ninedtact.errors import UNPRINTABLE, InputError
 from ninedtact.force.estimator_and_scale import WIDEST_FACTOR
 from ninedtact.mechanics.base_deflection import STIFFENING
 from ninedtact.shape.deblurring import Deblurring
@@ -27,7 +28,7 @@ from ninedtact.shape.lens_and_rectification import (
 )
 from ninedtact.simulation.gel_brightness import BrightnessModel
 
-SENSOR_FORMAT = 8
+SENSOR_FORMAT = 9
 """Format number, raised with every change that makes older files unreadable."""
 NOT_CALIBRATED = ("format", "id", "created", "software")
 """Keys at the top of the file that the checksum leaves out: they may change without a change of any calibrated number."""
@@ -212,23 +213,40 @@ class LengthPlausibility(Struct, frozen=True, forbid_unknown_fields=True):
         return self.pitch_wrong_probability + self.ball_radius_wrong_probability
 
 
-class SecondBallQuality(Struct, frozen=True, forbid_unknown_fields=True):
-    """The press of the second ball, which was fitted together with the first."""
+class SecondPressQuality(Struct, frozen=True, forbid_unknown_fields=True):
+    """The press of a second object, which was fitted together with the first ball."""
 
-    ball_radius_mm: _Error
+    radius_mm: _Error
+    """Radius of the ball, or of the rod with the flat end."""
     max_indentation_mm: _DepthMm
-    """Depth of the second ball's lowest point."""
+    """Depth of its lowest point."""
     max_indentation_std_mm: _Error
     residual_rms_grey_levels: _Error
+    first_mm: _DepthMm
+    """Depth of the first ball's lowest point, by its own press and this one."""
     first_std_mm: _Error
-    """Standard deviation of the depth of the first ball, with both presses."""
+    """Its standard deviation."""
     first_alone_mm: _DepthMm
-    """Depth of the first ball's lowest point by its own press alone."""
+    """The same depth by the press of the first ball alone."""
     first_std_alone_mm: _Error
     """Its standard deviation."""
-    likely_radius_mm: _Error
-    """The radius of the second ball that fits both images best, if that of the first is right."""
-    likely_radius_std_mm: _Error
+    stated_mm: _Error
+    """The stated length that the images test: the radius of a ball, the depth of a flat end."""
+    stated_std_mm: _Error
+    """Its stated error; zero for a radius."""
+    likely_mm: _Error
+    """The length that fits both images best, if the radius of the first ball is right."""
+    likely_std_mm: _Error
+
+    @property
+    def stated_deviation(self) -> float:
+        """Difference of the stated length from that of the images, in standard deviations."""
+        return abs(self.likely_mm - self.stated_mm) / math.hypot(self.likely_std_mm, self.stated_std_mm)
+
+    @property
+    def first_deviation(self) -> float:
+        """Difference of the two depths of the first ball, in standard deviations of that by its own press alone."""
+        return abs(self.first_mm - self.first_alone_mm) / self.first_std_alone_mm
 
 
 class ProbableCause(Struct, frozen=True, forbid_unknown_fields=True):
@@ -254,13 +272,21 @@ class Certificate(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     """None where the lens was imported."""
     ball: BallQuality | None = None
     """None where no ball has been pressed yet."""
-    second_ball: SecondBallQuality | None = None
+    second_ball: SecondPressQuality | None = None
     """None where no second ball was pressed."""
+    flat_end: SecondPressQuality | None = None
+    """None where no flat end was pressed."""
     lengths: LengthPlausibility | None = None
     """None where the lens was imported and no twin was fitted."""
     warnings: list[str] = field(default_factory=list)
     cause: ProbableCause | None = None
     """What probably causes all that is not as it should be; None where all is."""
+
+    @property
+    def second_presses(self) -> "dict[SecondKind, SecondPressQuality]":
+        """The second presses that were made, by what was pressed."""
+        made: dict[SecondKind, SecondPressQuality | None] = {"second_ball": self.second_ball, "flat_end": self.flat_end}
+        return {kind: quality for kind, quality in made.items() if quality is not None}
 
 
 class DepthTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -359,17 +385,17 @@ class KnownLoadTable(Struct, frozen=True, forbid_unknown_fields=True):
     """Relative standard deviation of that factor."""
 
 
-_SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\x00-\x1f\x7f/\\]{1,100}")
+_SENSOR_ID = re.compile(r"(?!\.{1,2}\Z)[^\t\n/\\]{1,100}")
 """Names are shown on pages, stand in tables and may become names of folders."""
 
 
 def require_sensor_id(sensor_id: str) -> None:
     """Raise `InputError` for text that is no name of a sensor."""
-    if not _SENSOR_ID.fullmatch(sensor_id):
+    if not _SENSOR_ID.fullmatch(sensor_id) or UNPRINTABLE.search(sensor_id):
         raise InputError(
-            expected="a name of a sensor of 1 to 100 characters without slashes and control characters",
+            expected="a name of a sensor of 1 to 100 printable characters without slashes",
             got=f"{sensor_id[:120]!r}",
-            remedy="choose another",
+            remedy="choose another, or give one with --id",
         )
 
 

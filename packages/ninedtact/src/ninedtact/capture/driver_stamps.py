@@ -1,9 +1,13 @@
-"""Stamps that a camera's driver gives its images: a wrong offset is taken out, and a stamp that runs back is replaced."""
+"""Stamps that a camera's driver gives its images: an offset and a drift are taken out, and a stamp that runs back is replaced."""
 
 _OLDEST_NS = 10_000_000_000
 """Distance from the arrival from which on a stamp is that of another clock, such as the wall clock, or none at all."""
 _LONGEST_DELAY_NS = 100_000_000
 """Delay between driver and arrival up to which it is that of a transfer. A queue is shorter for the image that waits least."""
+_DRIFT_NS = 5_000_000
+"""Growth of the least delay up to which it is no drift of the driver's clock."""
+_WINDOW_NS = 5_000_000_000
+"""The least delay of now is that of the last one to two such times."""
 _STEP_IMAGES = 5
 """Wrong stamps in a row that tell a step of the driver's clock, which is then followed."""
 
@@ -12,7 +16,8 @@ class DriverStamps:
     """The stamps of the images of one open camera, ns of the monotonic clock; they increase, and none is after the arrival.
 
     An image can wait in the driver for its reader, so the image that waited least since the camera was opened tells the offset of
-    the driver's clock: a negative delay, or one that no transfer takes, is taken out of all stamps.
+    the driver's clock: a negative delay, or one that no transfer takes, is taken out of all stamps. Where the least delay of some
+    seconds grows later, the driver's clock is slow, and the growth is taken out as well.
     """
 
     def __init__(self, name: str) -> None:
@@ -20,6 +25,9 @@ class DriverStamps:
         self._name = name
         self._images = self._replaced = self._wrong_in_a_row = 0
         self._least_delay_ns: int | None = None
+        """Since the camera was opened or the driver's clock stepped."""
+        self._least_before_ns = self._least_now_ns = self._window_began_ns = 0
+        """In the window before this one, and in this one."""
         self._newest_ns = self._last_ns = 0
         """The newest stamp of the driver, and the last one that was given."""
 
@@ -50,13 +58,14 @@ class DriverStamps:
 
     @property
     def _offset_ns(self) -> int:
-        least_ns = self._least_delay_ns or 0
-        return 0 if 0 <= least_ns <= _LONGEST_DELAY_NS else least_ns
+        growth_ns = min(self._least_before_ns, self._least_now_ns) - (self._least_delay_ns or 0)
+        return (self._least_delay_ns or 0) - self._transfer_ns + max(growth_ns - _DRIFT_NS, 0)
 
     @property
     def _transfer_ns(self) -> int:
         """The time from the driver to the reader that every image takes, which is not part of the offset."""
-        return (self._least_delay_ns or 0) - self._offset_ns
+        least_ns = self._least_delay_ns or 0
+        return least_ns if 0 <= least_ns <= _LONGEST_DELAY_NS else 0
 
     def _corrected_ns(self, driver_ns: int, arrived_ns: int) -> int:
         """Return the driver's stamp without its offset, or the arrival where the driver's stamp is wrong."""
@@ -71,6 +80,18 @@ class DriverStamps:
         if is_wrong and self._wrong_in_a_row < _STEP_IMAGES:
             self._replaced += 1
             return arrived_ns - self._transfer_ns
-        self._least_delay_ns = delay_ns if is_wrong or known_ns is None else min(known_ns, delay_ns)
+        if is_wrong or known_ns is None:
+            self._least_delay_ns = self._least_before_ns = self._least_now_ns = delay_ns
+            self._window_began_ns = arrived_ns
+        else:
+            self._least_delay_ns = min(known_ns, delay_ns)
+            self._update_window(delay_ns, arrived_ns)
         self._newest_ns = driver_ns
         return driver_ns + self._offset_ns
+
+    def _update_window(self, delay_ns: int, arrived_ns: int) -> None:
+        """Take the delay of one more image into the least delay of now."""
+        if arrived_ns - self._window_began_ns > _WINDOW_NS:
+            self._least_before_ns, self._window_began_ns = self._least_now_ns, arrived_ns
+            self._least_now_ns = delay_ns
+        self._least_now_ns = min(self._least_now_ns, delay_ns)

@@ -19,7 +19,7 @@ from weakref import ReferenceType, ref
 import numpy as np
 
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image, require_image_size
-from ninedtact.errors import CameraError, FileFormatError
+from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 
 Opened = TypeVar("Opened", bound="Openable")
@@ -61,7 +61,7 @@ class Openable(ABC):
     opens it by `open_for` and owns it until `close_for`, because two readers would each get a part of the images.
     """
 
-    name: str
+    name: str = "the source"
     """The name of the device in messages; it never contains a password."""
     _owner: "ReferenceType[object] | None" = None
 
@@ -167,14 +167,19 @@ class FrameSource(Openable):
 
 
 def require_frame(frame: Any, name: str) -> Frame:
-    """Return what a source of this name has read; raises `CameraError` unless it is a frame with an 8-bit colour image."""
+    """Return what a source of this name has read; raises `CameraError` unless it is a frame with an 8-bit colour image.
+
+    Its stamp and index have to be numbers that a recording can hold.
+    """
     if not isinstance(frame, Frame):
         got = "none" if frame is None else f"an object of type {type(frame).__name__}"
     elif not isinstance(frame.image, np.ndarray):
         got = f"a frame whose image is of type {type(frame.image).__name__}"
     elif frame.image.dtype != np.uint8 or frame.image.ndim != 3 or frame.image.shape[2] != 3 or not frame.image.size:
         got = f"an image of type {frame.image.dtype} and shape {frame.image.shape}"
-    elif not all(isinstance(number, int | np.integer) for number in (frame.stamp_ns, frame.index)):
+    elif not all(isinstance(number, int | np.integer) for number in (frame.stamp_ns, frame.index)) or not (
+        0 <= frame.stamp_ns < 1 << 62 and 0 <= frame.index < 1 << 32
+    ):
         got = f"a frame with stamp {frame.stamp_ns!r} and index {frame.index!r}"
     else:
         return frame
@@ -182,6 +187,17 @@ def require_frame(frame: Any, name: str) -> Frame:
         expected=f"a Frame from {name}: an image of type uint8 and shape (rows, cols, 3), whole numbers as stamp and index",
         got=got,
         remedy="correct its read method",
+    )
+
+
+def require_frame_source(source: Any) -> FrameSource:
+    """Return what a program gave as a source; raises `InputError` unless it is one."""
+    if isinstance(source, FrameSource):
+        return source
+    raise InputError(
+        expected="a FrameSource, or the address of one as source_for(ADDRESS) takes it",
+        got="none" if source is None else f"an object of type {type(source).__name__}",
+        remedy="derive a class of your own from FrameSource",
     )
 
 
@@ -263,7 +279,7 @@ class CameraSettings:
         ):
             if getattr(self, fixed) is not None and getattr(self, automatic):
                 raise CameraError(expected=f"{fixed} or {automatic}", got="both", remedy="drop one")
-        if self.pixel_format is not None and len(self.pixel_format) != 4:
+        if self.pixel_format is not None and not (len(self.pixel_format) == 4 and self.pixel_format.isascii()):
             raise CameraError(
                 expected="pixel_format of four letters", got=f"'{self.pixel_format}'", remedy="try MJPG or YUYV"
             )
@@ -357,9 +373,9 @@ class ImageFolder(ImageFileList, AddressedFrameSource):
         self.images = tuple(_list_images(self.folder))
         if not self.images:
             kinds = ", ".join(IMAGE_SUFFIXES)
-            raise CameraError(
-                expected=f"a folder of images ({kinds})", got=f"none in {self.folder}", remedy="check the path"
-            )
+            recordings = sorted(self.folder.glob("*.mcap"))
+            remedy = f"give the recording in it, {recordings[0]}" if recordings else "check the path"
+            raise CameraError(expected=f"a folder of images ({kinds})", got=f"none in {self.folder}", remedy=remedy)
         super().open()
 
 

@@ -79,7 +79,7 @@ class ThreadSafeVideoCapture:
             if self._released:
                 raise SourceNotOpen(self._name)
             delivered, image = self._capture.read()
-            if not delivered:
+            if not delivered or image is None:
                 return None
             self.next_index += 1
             return Frame(_as_bgr(image, self._name), self._stamp_ns(self._capture), self.next_index - 1)

@@ -256,6 +256,10 @@ class _PropertySetting:
             return True
         return any(math.isclose(got, value, abs_tol=self.tolerance) for value in self.accepted)
 
+    def text(self, value: float) -> str:
+        """Return a value as a person reads it."""
+        return _four_letters(value) if self.prop == cv2.CAP_PROP_FOURCC else f"{value:g}"
+
     def try_values(self, capture: VideoCaptureProtocol) -> None:
         for value in self.accepted:
             if capture.set(self.prop, value) and self.is_in_force(capture):
@@ -270,10 +274,9 @@ def _apply_settings(settings: CameraSettings, capture: VideoCaptureProtocol, nam
     _require_size(settings, _image_size_px(capture), name, path)
     for setting in wanted:
         if not setting.is_in_force(capture):
-            got = capture.get(setting.prop)
             raise CameraError(
-                expected=f"{name} to take {setting.label} {setting.accepted[0]:g}",
-                got=f"{got:g}",
+                expected=f"{name} to take {setting.label} {setting.text(setting.accepted[0])}",
+                got=setting.text(capture.get(setting.prop)),
                 remedy=f"{setting.remedy}",
             )
     if settings.other_automatics is False:
@@ -303,9 +306,7 @@ def _video_mode(settings: CameraSettings) -> Iterator[_PropertySetting]:
     modes = "ask for one that it has (`ninedtact doctor` lists them)"
     if settings.pixel_format is not None:
         fourcc = cv2.VideoWriter.fourcc(*settings.pixel_format)
-        yield _PropertySetting(
-            f"pixel format {settings.pixel_format}", cv2.CAP_PROP_FOURCC, (float(fourcc),), remedy=modes
-        )
+        yield _PropertySetting("pixel format", cv2.CAP_PROP_FOURCC, (float(fourcc),), remedy=modes)
     if settings.size_px is not None:
         cols, rows = map(float, settings.size_px)
         yield _PropertySetting("image width", cv2.CAP_PROP_FRAME_WIDTH, (cols,), remedy=modes)
@@ -343,6 +344,11 @@ def _image_controls(settings: CameraSettings) -> Iterator[_PropertySetting]:
         yield _PropertySetting("focus", cv2.CAP_PROP_FOCUS, (focus,))
 
 
+def _four_letters(fourcc: float) -> str:
+    """Return the code of a pixel format."""
+    return (int(fourcc) % 2**32).to_bytes(4, "little").decode("ascii", errors="replace")
+
+
 def _read_settings(capture: VideoCaptureProtocol) -> CameraSettings:
     """Return the settings that the camera reports; None where it reports none (V4L2 then answers −1)."""
 
@@ -354,11 +360,11 @@ def _read_settings(capture: VideoCaptureProtocol) -> CameraSettings:
     is_manual = exposure_mode is None or exposure_mode in _MANUAL
     auto_wb, kelvin = reported(cv2.CAP_PROP_AUTO_WB), reported(cv2.CAP_PROP_WB_TEMPERATURE)
     autofocus = reported(cv2.CAP_PROP_AUTOFOCUS)
-    fourcc = int(capture.get(cv2.CAP_PROP_FOURCC))
+    fourcc = capture.get(cv2.CAP_PROP_FOURCC)
     return CameraSettings(
         size_px=_image_size_px(capture),
         rate_hz=reported(cv2.CAP_PROP_FPS),
-        pixel_format=fourcc.to_bytes(4, "little").decode("ascii", errors="replace") if fourcc > 0 else None,
+        pixel_format=_four_letters(fourcc) if fourcc > 0 else None,
         auto_exposure=None if exposure_mode is None else not is_manual,
         exposure_ms=exposure / _EXPOSURE_STEPS_PER_MS if exposure is not None and is_manual else None,
         gain=reported(cv2.CAP_PROP_GAIN),

@@ -41,7 +41,7 @@ from ninedtact.cli.shared_options import (
     SizeOption,
     read_design_or_default,
 )
-from ninedtact.design import SensorDesign
+from ninedtact.design import SECOND_KINDS, SecondKind, SensorDesign
 from ninedtact.errors import CameraError, InputError, NinedtactError, OutputError
 from ninedtact.source_addresses import is_twin_address, source_for
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
 _IMAGE_OPTIONS = ", ".join("--" + name.replace("_", "-") for name in _IMAGE_NAMES)
 _BOARD_NAMES, _BALL_NAMES = _IMAGE_NAMES[:2], _IMAGE_NAMES[2:]
-_SECOND_BALL_NAMES = ("second_ball_reference", "second_ball")
+_SECOND_NAMES = {kind: (f"{kind}_reference", kind) for kind in SECOND_KINDS}
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,13 @@ class CalibrateCommand:
     """Image of a second ball of another radius pressed on the same gel, which tells its base and so the true depth (--plan)."""
     second_ball_reference: tuple[Path, ...] = ()
     """Reference image without contact, taken before the second ball. Without it, that of the first ball is used."""
+    flat_end: tuple[Path, ...] = ()
+    """Image of the flat end of a round rod (shank of a drill, pin) let in to a known depth by a stop, which tells the same."""
+    flat_end_reference: tuple[Path, ...] = ()
+    """Reference image without contact, taken before the flat end. Without it, that of the ball is used."""
     images: Path | None = None
     """Folder with board_reference.png, board.png, ball_reference.png and ball.png, such as images/ of a sensor folder; images of a
-    second ball there (second_ball_reference.png, second_ball.png) are used too."""
+    second ball or a flat end there (second_ball.png, flat_end.png, and their references) are used too."""
     source: str | None = None
     """Take the images with this camera (0, /dev/video0, the URL of a stream) or from a recording (a video, a folder); or sim, a
     simulated sensor, on which board and ball are pressed by themselves."""
@@ -99,6 +103,14 @@ class CalibrateCommand:
     same ball is pressed again, to another depth."""
     with_second_ball: bool = False
     """With --source or --page: guide through the press of a second ball, too."""
+    flat_end_radius_mm: float | None = None
+    """Radius of the rod with the flat end. Without it, the design's is used (3 mm for the published sensor)."""
+    flat_end_depth_mm: float | None = None
+    """How deep the stop lets the flat end in, from the first touch. Images of a flat end need it."""
+    flat_end_depth_error_mm: float | None = None
+    """Standard deviation of that depth. Without it, the design's is used (0.03 mm)."""
+    with_flat_end: bool = False
+    """With --source or --page: guide through the press of a flat end, too. Without its lengths, the design's are used."""
     plan: bool = False
     """Calibrate nothing, but print by how much each second press would shrink what is not known of the ball's depth, the base,
     the thickness of the gel and a load: for the sensor at --out, or for the design where none is there."""
@@ -163,7 +175,7 @@ class CalibrateCommand:
         design, settings, name = self.resolved_design, self.settings, self.sensor_id
         pages = GuidedPages(self.on_page, self.source, self.camera.settings(self.size))
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            return pages.calibrate_shape(self.out, name, design, settings, self.with_second_ball)
+            return pages.calibrate_shape(self.out, name, design, settings, self._guided_second)
 
     def _calibrate(self, images: "CalibrationImages", scratch: Path, on_step: Callable[[str], None]) -> "Calibration":
         """Calibrate from all presses, or with images of a ball on the sensor that has the lens already."""
@@ -182,7 +194,8 @@ class CalibrateCommand:
         from ninedtact.calibration.procedure import repeat_calibration
 
         given, standard, kept = self.resolved_design, SensorDesign(), folder.record.design
-        if replace(given, ball=kept.ball) not in (replace(standard, ball=kept.ball), kept):
+        given_otherwise = replace(given, ball=kept.ball, flat_end=kept.flat_end)
+        if given_otherwise not in (replace(standard, ball=kept.ball, flat_end=kept.flat_end), kept):
             raise InputError(
                 expected=f"the design that {folder.path} was made with",
                 got="another one",
@@ -190,13 +203,9 @@ class CalibrateCommand:
             )
         _require_kept_lens(self.settings, folder)
         is_ball_given = self.ball_radius_mm is not None or given.ball.radius_mm != standard.ball.radius_mm
-        design = replace(kept, ball=given.ball if is_ball_given else kept.ball)
-        if self.second_ball_radius_mm is not None:
-            design = replace(design, ball=replace(design.ball, second_radius_mm=self.second_ball_radius_mm))
+        design = self._with_given_lengths(replace(kept, ball=given.ball if is_ball_given else kept.ball))
         smoothing = None if self.settings.smoothing == CalibrationSettings().smoothing else self.settings.smoothing
-        made = repeat_calibration(
-            folder, self.settings.method, images.ball_pair, design, on_step, smoothing, images.second_ball_pair
-        )
+        made = repeat_calibration(folder, self.settings.method, images, design, on_step, smoothing)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
 
     def _lens_folder(self, scratch: Path) -> "SensorFolder":
@@ -227,9 +236,26 @@ class CalibrateCommand:
                     remedy="write them into the file",
                 )
             design = read_design_or_default(self.design_file)
-        radii = {"radius_mm": self.ball_radius_mm, "second_radius_mm": self.second_ball_radius_mm}
-        given = {name: radius_mm for name, radius_mm in radii.items() if radius_mm is not None}
-        return replace(design, ball=replace(design.ball, **given))
+        return self._with_given_lengths(design)
+
+    def _with_given_lengths(self, design: SensorDesign) -> SensorDesign:
+        """Return a design with the lengths of ball, second ball and flat end that were given."""
+        ball = {"radius_mm": self.ball_radius_mm, "second_radius_mm": self.second_ball_radius_mm}
+        flat_end = {
+            "radius_mm": self.flat_end_radius_mm,
+            "depth_mm": self.flat_end_depth_mm,
+            "depth_error_mm": self.flat_end_depth_error_mm,
+        }
+        return replace(
+            design,
+            ball=replace(design.ball, **_stated(ball)),
+            flat_end=replace(design.flat_end, **_stated(flat_end)),
+        )
+
+    @property
+    def _guided_second(self) -> tuple[SecondKind, ...]:
+        """The second objects through whose presses a person is guided."""
+        return tuple(kind for kind in SECOND_KINDS if getattr(self, f"with_{kind}"))
 
     def obtain_images(self, taken: "dict[str, BgrImage] | None" = None) -> "CalibrationImages":
         """Read the images of both presses, or of one, from files or from a folder, or take all with a camera.
@@ -237,11 +263,12 @@ class CalibrateCommand:
         taken: receives each image that a camera takes, by its name, if it is given. Raises `InputError`.
         """
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
-        if self.with_second_ball and self.source is None:
+        if self._guided_second and self.source is None:
+            option = self._guided_second[0].replace("_", "-")
             raise InputError(
-                expected="--source or --page beside --with-second-ball, which guides through the press",
+                expected=f"--source or --page beside --with-{option}, which guides through the press",
                 got="neither",
-                remedy="give the image with --second-ball",
+                remedy=f"give the image with --{option}",
             )
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None and self.from_import is None:
@@ -251,7 +278,7 @@ class CalibrateCommand:
                 self.settings,
                 self.camera.settings(self.size),
                 {} if taken is None else taken,
-                self.with_second_ball,
+                self._guided_second,
             )
         if sum(ways) == 1 and self.images is not None:
             names = self._names_in(self.images)
@@ -279,33 +306,57 @@ class CalibrateCommand:
     def _names_in(self, folder: Path) -> tuple[str, ...]:
         """Return the images of a folder that are used: all four, or those of the only press that it has both images of."""
         there = tuple(name for name in _IMAGE_NAMES if (folder / f"{name}.png").exists())
-        second = tuple(name for name in _SECOND_BALL_NAMES if (folder / f"{name}.png").exists())
+        second = tuple(name for pair in _SECOND_NAMES.values() for name in pair if (folder / f"{name}.png").exists())
         if self.from_import is not None:
             return (*_BALL_NAMES, *second)
         return (*there, *second) if there in self._complete_sets else _IMAGE_NAMES
 
+    def _require_flat_end_lengths(self) -> None:
+        """Raise `InputError` unless radius and depth of the flat end are given, as options or by the design."""
+        given = [self.flat_end_radius_mm, self.flat_end_depth_mm]
+        design = replace(self, flat_end_radius_mm=None, flat_end_depth_mm=None).resolved_design
+        if None in given and design.flat_end == SensorDesign().flat_end:
+            got = "the radius" if given[0] is not None else "the depth" if given[1] is not None else "neither"
+            raise InputError(
+                expected="--flat-end-radius-mm and --flat-end-depth-mm beside an image of a flat end",
+                got=f"{got} alone" if got != "neither" else got,
+                remedy="measure the rod with a calliper, and the stop with a feeler gauge",
+            )
+
+    def _with_second_press(
+        self, paths: dict[str, tuple[Path, ...]], reference: str, press: str
+    ) -> dict[str, tuple[Path, ...]]:
+        """Return the paths with those of a second press that were given; raises `InputError`."""
+        paths = paths | {name: getattr(self, name) for name in (reference, press) if getattr(self, name)}
+        option, name = "--" + press.replace("_", "-"), press.replace("_", " ")
+        if press in paths and "ball" not in paths:
+            raise InputError(
+                expected=f"--ball beside {option}, since the two are fitted together",
+                got=f"the {name} alone",
+                remedy="give the images of the first ball as well",
+            )
+        if reference in paths and press not in paths:
+            raise InputError(
+                expected=f"{option} beside {option}-reference", got="the reference alone", remedy="give both"
+            )
+        return paths if press not in paths else {reference: paths["ball_reference"]} | paths
+
     def _read_images(self, paths: dict[str, tuple[Path, ...]]) -> "CalibrationImages":
-        """Read the images at these paths, and those of the second ball where they are given."""
+        """Read the images at these paths, and those of second objects where they are given."""
         from ninedtact.calibration.procedure import CalibrationImages
         from ninedtact.capture.strict_image_reading import average_images, read_image
 
-        given = {name: getattr(self, name) for name in _SECOND_BALL_NAMES if getattr(self, name)}
-        if self.second_ball and not self.second_ball_reference:
-            given["second_ball_reference"] = paths.get("ball_reference", ())
-        paths = paths | given
-        if "second_ball" in paths and "ball" not in paths:
-            raise InputError(
-                expected="--ball beside --second-ball, since the two are fitted together",
-                got="the second ball alone",
-                remedy="give the images of the first as well",
-            )
-        if "second_ball_reference" in paths and "second_ball" not in paths:
-            raise InputError(
-                expected="--second-ball beside --second-ball-reference", got="the reference alone", remedy="give both"
-            )
+        for names in _SECOND_NAMES.values():
+            paths = self._with_second_press(paths, *names)
+        if "flat_end" in paths:
+            self._require_flat_end_lengths()
         return CalibrationImages(
             **{name: average_images([read_image(path) for path in files]) for name, files in paths.items()}
         )
+
+
+def _stated(values: dict[str, float | None]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _require_no_depth_lost(out: Path) -> None:
@@ -344,7 +395,7 @@ def _capture_guided_images(
     settings: CalibrationSettings,
     camera_settings: "CameraSettings",
     taken: "dict[str, BgrImage]",
-    second_ball: bool,
+    second: tuple[SecondKind, ...],
 ) -> "CalibrationImages":
     """Take the images with a camera into `taken`; raises what the camera raises, and `CameraError` for a
     recording."""
@@ -356,7 +407,7 @@ def _capture_guided_images(
     simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
     chosen = source_for(source, camera_settings) if simulated is None else simulated
     with LatestFrameSource(chosen) if chosen.is_live else chosen as camera:
-        for step in guided_capture_steps(design, settings, second_ball):
+        for step in guided_capture_steps(design, settings, second):
             status.print_title(step.instruction)
             if simulated is not None:
                 simulated.follow(step.name)
@@ -374,7 +425,7 @@ def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator
     except (NinedtactError, OSError):
         complete = {
             name: taken[name]
-            for pair in (_BOARD_NAMES, _BALL_NAMES, _SECOND_BALL_NAMES)
+            for pair in (_BOARD_NAMES, _BALL_NAMES, *_SECOND_NAMES.values())
             for name in pair
             if taken.keys() >= {*pair}
         }

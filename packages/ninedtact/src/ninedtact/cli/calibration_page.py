@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
     from ninedtact.calibration.settings import CalibrationSettings
     from ninedtact.capture.frame_source import CameraSettings, FrameSource
-    from ninedtact.design import SensorDesign
+    from ninedtact.design import SecondKind, SensorDesign
     from ninedtact.simulation.calibration_camera import SimulatedCalibrationCamera
     from ninedtact.studio.calibration_page import CalibrationPage
     from ninedtact.studio.force_calibration_page import ForceCalibrationPage
@@ -66,7 +66,7 @@ class GuidedPages:
         sensor_id: str,
         design: "SensorDesign",
         settings: "CalibrationSettings",
-        second_ball: bool = False,
+        second: "tuple[SecondKind, ...]" = (),
     ) -> "SensorFolder | None":
         """Serve until Ctrl-C the calibration of a sensor, and what somebody asks for after it; return the sensor, None without."""
         from ninedtact.studio.calibration_page import CalibrationPage
@@ -75,7 +75,7 @@ class GuidedPages:
         simulated = simulated_calibration_camera(design)
         list_cameras = partial(list_calibration_cameras, self.source)
         camera = self._switchable_camera(list_cameras, simulated)
-        session = CalibrationSession(camera, out, design, settings, sensor_id, second_ball, on_step=simulated.follow)
+        session = CalibrationSession(camera, out, design, settings, sensor_id, second, on_step=simulated.follow)
         make_page = partial(CalibrationPage, session=session, list_cameras=list_cameras, simulated=simulated)
         with suppress(KeyboardInterrupt):
             wanted = session.live_requested, session.force_requested

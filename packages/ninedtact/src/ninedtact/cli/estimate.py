@@ -104,7 +104,6 @@ class EstimateCommand:
     def readings(self, sensor: "Sensor", folder: "SensorFolder") -> "Iterator[tuple[str, Reading]]":
         """Yield the name and the reading of every image; of a camera, a stream or the twin until Ctrl-C."""
         from ninedtact.calibration.drift.reference_check import load_reference_image_checker
-        from ninedtact.shape.image_plausibility import require_plausible_image
 
         check = load_reference_image_checker(folder)
         references = check.read_images(self.reference) if self.images_are_separate else []
@@ -116,8 +115,7 @@ class EstimateCommand:
             for reading in sensor:
                 name = self._name_of(reading.frame.index, sensor.source)
                 if self.images_are_separate:
-                    require_plausible_image(name, reading.rectified, reading.reference, reading.height, reading.light)
-                    check.require_in_focus(name, reading.frame.image, references)
+                    check.require_press(name, reading, references)
                 yield name, reading
                 if self.images_are_separate:
                     sensor.estimator.forget()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ninedtact.cli.result_and_interrupt import print_result
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.second_press_plan import PlannedErrors, PressPlan
+    from ninedtact.calibration.second_press_plan import CandidatePress, PlannedErrors, PressPlan
     from ninedtact.design import SensorDesign
 
 _COLUMNS = f"{'':52}{'pressed':>8}{'ball depth':>12}{'base':>9}{'thickness':>12}{'load':>8}"
@@ -39,11 +39,16 @@ def format_press_plan(subject: str, plan: "PressPlan") -> Iterator[str]:
     yield _COLUMNS
     yield _row("the ball alone", press.depth_mm, plan.alone)
     yield from (_row(candidate.name, candidate.depth_mm, errors) for candidate, errors in plan.candidates)
-    best = plan.best_ball
-    yield (
-        f"best among those that calibrate: {best.name}, {best.depth_mm:.1f} mm deep (--second-ball IMAGE "
-        f"--second-ball-radius-mm {best.second_radius_mm:g}); a load: ninedtact adapt"
-    )
+    calibrating = "; ".join(f"{one.name}, {one.depth_mm:.1f} mm deep ({_options(one)})" for one in plan.calibrating)
+    yield f"best among those that calibrate: {calibrating}; a load: ninedtact adapt"
+
+
+def _options(candidate: "CandidatePress") -> str:
+    """Return the options of `ninedtact calibrate` for a press."""
+    assert candidate.second is not None
+    option, radius_mm = "--" + candidate.second.kind.replace("_", "-"), candidate.second.radius_mm
+    depth = "" if candidate.second.known_depth is None else f" {option}-depth-mm {candidate.depth_mm:.2g}"
+    return f"{option} IMAGE {option}-radius-mm {radius_mm:g}{depth}"
 
 
 def _row(name: str, depth_mm: float, errors: "PlannedErrors") -> str:
@@ -58,7 +63,7 @@ def press_plan_json_dict(subject: str, plan: "PressPlan") -> dict[str, object]:
     return {
         "subject": subject,
         "alone": asdict(plan.alone),
-        "best": plan.best_ball.name,
+        "best": plan.calibrating[0].name,
         "candidates": [
             {"name": candidate.name, "depth_mm": candidate.depth_mm, **_left(asdict(errors))}
             for candidate, errors in plan.candidates

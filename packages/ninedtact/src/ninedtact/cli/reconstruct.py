@@ -45,7 +45,7 @@ class ReconstructCommand:
         from ninedtact.errors import FileFormatError
         from ninedtact.quantities import Frame
         from ninedtact.reading import read_frame
-        from ninedtact.shape.image_plausibility import ImageImplausible, require_plausible_image
+        from ninedtact.shape.image_plausibility import ImageImplausible
 
         if not self.images:
             raise InputError(
@@ -61,8 +61,7 @@ class ReconstructCommand:
         try:
             for path, name in zip(self.images, _output_names(self.images), strict=True):
                 reading = read_frame(Frame(read_image(path)), shape, depth)
-                require_plausible_image(str(path), reading.rectified, depth.reference, reading.height, reading.light)
-                check.require_in_focus(str(path), reading.frame.image, references)
+                check.require_press(str(path), reading, references)
                 results.append(self.result(path, name, reading, depth))
         except (FileFormatError, ImageImplausible) as error:
             if not results:

@@ -121,7 +121,7 @@ class RecordCommand:
         from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM
         from ninedtact.recording.recorder import record_several
 
-        with stop_on_signal(self.seconds) as until, _progress_bar(self.seconds, quiet=self.json) as show:
+        with stop_on_signal() as until, _progress_bar(self.seconds, quiet=self.json) as show:
             return record_several(
                 parts,
                 self.out,
@@ -129,6 +129,7 @@ class RecordCommand:
                 settings=json.dumps(asdict(self), default=str),
                 images=self.images,
                 height_step_mm=HEIGHT_STEP_16_BIT_MM if self.height_bits == 16 else 0.0,
+                seconds=self.seconds,
                 should_stop=lambda: until.now,
                 notify=lambda sentence: tqdm.write(f"ninedtact: {sentence}", sys.stderr),  # on a line of its own
                 on_progress=lambda writers: show(until.elapsed_s, writers),

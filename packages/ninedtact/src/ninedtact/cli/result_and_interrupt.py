@@ -250,11 +250,11 @@ def format_calibration(sensor: "SensorFolder") -> Iterator[str]:
             f"  ball   radius {ball.ball_radius_mm:g} mm, pressed {ball.max_indentation_mm:.2f}{std} mm deep, reconstructed to "
             f"{ball.reconstruction_mae_mm:.3f} mm, noise {ball.noise_mm:.4f} mm, method {ball.method}{base}"
         )
-    if (second := certificate.second_ball) is not None:
+    for kind, second in certificate.second_presses.items():
         yield (
-            f"  second radius {second.ball_radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep; with it the depth of "
-            f"the first is known to ± {second.first_std_mm:.3f} mm; alone it is {second.first_alone_mm:.2f} ± "
-            f"{second.first_std_alone_mm:.3f} mm"
+            f"  {kind.replace('_', ' ')} of radius {second.radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep; with "
+            f"it the depth of the first ball is {second.first_mm:.3f} ± {second.first_std_mm:.3f} mm; by its own image alone "
+            f"{second.first_alone_mm:.3f} ± {second.first_std_alone_mm:.3f} mm ({second.first_deviation:.1f} of this ± away)"
         )
     yield from (f"  warning: {warning}" for warning in certificate.warnings)
     yield f"  {certificate_headline(certificate)}"

@@ -29,6 +29,7 @@ COLUMNS = (
     *("frame", "time_s", "touching", "contacts", "state", "path", *_AXES, "yaw_deg"),
     *(f"{axis}_std" for axis in _AXES),
     *("slip", "p_incipient", "p_gross", "sticking_share", "slip_speed_mm_s", "friction", "friction_std"),
+    *("torque_z_nm", "torque_z_nm_std"),
     *("overlap", "rms_mm", "key_frame", "reason"),
 )
 
@@ -185,6 +186,8 @@ def _row(reading: "Reading", found: "TrackedContacts", first_ns: int) -> dict[st
         "slip_speed_mm_s": slip.speed,
         "friction": slip.friction,
         "friction_std": slip.friction_std,
+        "torque_z_nm": float("nan") if found.force is None else float(found.force.wrench.torque_nm[2]),
+        "torque_z_nm_std": float("nan") if found.force is None else float(found.force.std[5]),
         "overlap": motion.overlap,
         "rms_mm": motion.rms_mm,
         "key_frame": motion.is_key_frame,

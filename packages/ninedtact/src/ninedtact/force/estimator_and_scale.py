@@ -144,6 +144,7 @@ class ForceScale:
             traction,
             pressure_mpa=traction.pressure_mpa * np.float32(self.factor),
             shear_mpa=traction.shear_mpa * np.float32(self.factor * self.shear_factor),
+            gel=replace(traction.gel, shear_modulus_mpa=traction.gel.shear_modulus_mpa * self.factor),
         )
 
 

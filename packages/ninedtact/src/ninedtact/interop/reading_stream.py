@@ -90,15 +90,6 @@ class StreamedSlip(msgspec.Struct):
     friction_std: float | None
 
 
-class StreamedTracking(msgspec.Struct):
-    """What touches, followed from reading to reading since a client first asked for it."""
-
-    contacts: list[StreamedContact]
-    motion: StreamedMotion | None
-    """Null where the object is not followed."""
-    slip: StreamedSlip
-
-
 class StreamedWrench(msgspec.Struct):
     """The estimated wrench of the object on the skin, about the skin centre."""
 
@@ -108,6 +99,17 @@ class StreamedWrench(msgspec.Struct):
     """One standard deviation; null where none is stated."""
     torque_std_nm: list[float | None]
     touching: bool
+
+
+class StreamedTracking(msgspec.Struct):
+    """What touches, followed from reading to reading since a client first asked for it."""
+
+    contacts: list[StreamedContact]
+    motion: StreamedMotion | None
+    """Null where the object is not followed."""
+    slip: StreamedSlip
+    wrench: StreamedWrench | None
+    """The wrench with the torque about z that the turn of the object shows; null where no force is estimated."""
 
 
 class StreamedImage(msgspec.Struct):
@@ -238,7 +240,8 @@ def _streamed_tracking(found: TrackedContacts) -> StreamedTracking:
     )
     numbers = (slip.p_incipient, slip.p_gross, slip.sticking_share, slip.speed, slip.friction, slip.friction_std)
     known = [float(one) if np.isfinite(one) else None for one in numbers]
-    return StreamedTracking(contacts, moved if motion.is_known else None, StreamedSlip(str(slip.state), *known))
+    wrench = None if found.force is None else _streamed_wrench(found.force)
+    return StreamedTracking(contacts, moved if motion.is_known else None, StreamedSlip(str(slip.state), *known), wrench)
 
 
 class _ClientQueue:

@@ -60,7 +60,7 @@ class Contact:
     """The largest violation of the contact's conditions: gap under pressure, overlap, or missed stick."""
     iterations: CountPerContact = 0
     """Iterations of both solvers, over all rounds."""
-    left: float = 1.0
+    left: ScalarPerContact = 1.0
     """Part of the elastic tractions that is left in a gel that has relaxed; displacements are those of the elastic ones."""
 
     @property
@@ -73,7 +73,8 @@ class Contact:
         """The change of the gel's thickness, which is what light shows: the height less that of the gel's bottom."""
         if self.skin.gel.has_rigid_base:
             return self.height_mm
-        return self.height_mm - self.skin.interface_height_mm(self.pressure_mpa, self.shear_mpa) / self.left
+        interface_mm = self.skin.interface_height_mm(self.pressure_mpa, self.shear_mpa)
+        return self.height_mm - interface_mm / expand_over_grid(self.left, interface_mm)
 
     @property
     def touches(self) -> bool:
@@ -134,16 +135,18 @@ class Contact:
         pressure, shear = stack([one.pressure_mpa for one in contacts]), stack([one.shear_mpa for one in contacts])
         height, tangential = stack([one.height_mm for one in contacts]), stack([one.tangential_mm for one in contacts])
         pose = Pose.stack([one.pose for one in contacts])
-        return Contact(first.skin, pose, pressure, shear, height, tangential, first.friction)
+        left = np.array([one.left for one in contacts])
+        return Contact(first.skin, pose, pressure, shear, height, tangential, first.friction, left=left)
 
     def unstack(self) -> list["Contact"]:
         """Return the contacts of a batch as single contacts."""
         poses = self.pose.unstack()
-        residuals, counts = (np.broadcast_to(of, len(poses)).tolist() for of in (self.residual_mm, self.iterations))
+        numbers = (self.residual_mm, self.iterations, self.left)
+        each = zip(*(np.broadcast_to(of, len(poses)).tolist() for of in numbers), strict=True)
         fields = zip(self.pressure_mpa, self.shear_mpa, self.height_mm, self.tangential_mm, strict=True)
         return [
-            Contact(self.skin, pose, *four, self.friction, residual, count)
-            for pose, four, residual, count in zip(poses, fields, residuals, counts, strict=True)
+            Contact(self.skin, pose, *four, self.friction, *three)
+            for pose, four, three in zip(poses, fields, each, strict=True)
         ]
 
     def on_skin(self, skin: Skin) -> "Contact":
@@ -158,8 +161,9 @@ class Contact:
         names = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
         fields = {name: xp.take(getattr(self, name), there, axis=0) for name in names}
         pose = {name: values[where] for name, values in vars(self.pose).items() if isinstance(values, np.ndarray)}
-        counts = {name: np.asarray(getattr(self, name))[where] for name in ("residual_mm", "iterations")}
-        return replace(self, skin=skin, friction=friction, pose=Pose(**pose), **fields, **counts)
+        shape, of_each = self.pose.batch_shape, ("residual_mm", "iterations", "left")
+        numbers = {name: np.broadcast_to(getattr(self, name), shape)[where] for name in of_each}
+        return replace(self, skin=skin, friction=friction, pose=Pose(**pose), **fields, **numbers)
 
 
 def periodic_image_error_mm(contact: Contact, times: int = 3) -> Float64[Array, "rows cols"]:

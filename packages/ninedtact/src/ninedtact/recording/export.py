@@ -153,7 +153,7 @@ def _export_heights(recording: Recording, out: Path) -> int:
 
 def _times_of(recording: Recording, stamp_ns: int) -> tuple[float, int, int]:
     """Return seconds since the recording began, and both clocks."""
-    return (stamp_ns - recording.first_ns) / 1e9, stamp_ns, recording.metadata.wall_ns(stamp_ns)
+    return (stamp_ns - recording.began_ns) / 1e9, stamp_ns, recording.metadata.wall_ns(stamp_ns)
 
 
 def _write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> int:

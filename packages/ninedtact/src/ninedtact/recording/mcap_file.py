@@ -118,8 +118,11 @@ class McapFile:
         except (RecordingUnreadable, OSError):
             raise
         except Exception as error:  # every decompressor has errors of its own
+            reason = str(error) or "it ends too early"
             raise RecordingUnreadable(
-                expected=f"a recording in {self.path}", got=f"a damaged file ({error})", remedy="restore it from a copy"
+                expected=f"a recording in {self.path}",
+                got=f"a damaged file ({reason})",
+                remedy="restore it from a copy",
             ) from error
 
     def positions(self, topic: str) -> Array:
@@ -330,6 +333,8 @@ def _open_file(path: Path) -> BinaryIO:
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a pipe or device"
         remedy = "give a file, because it is read more than once"
+        if path.is_dir() and (inside := sorted(path.glob("*.mcap"))):
+            remedy = f"give the file in it, {inside[0]}"
         raise CameraError(expected=f"a recording at {path}", got=kind, remedy=remedy)
     try:
         return path.open("rb")

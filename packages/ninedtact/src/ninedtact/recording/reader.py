@@ -23,7 +23,7 @@ from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import McapFile, is_being_written
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, REPAIR_RECORD, choose_sensor_metadata
-from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, median_rate_hz, summarise_topic
+from ninedtact.recording.summary import PERIODIC_TOPICS, RecordingSummary, summarise_topic, usual_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     PairLabel,
@@ -135,11 +135,6 @@ class Recording:
         first_ns, last_ns = self._time_span_ns
         return (last_ns - first_ns) / 1e9
 
-    @property
-    def first_ns(self) -> int:
-        """Stamp of its first message."""
-        return self._time_span_ns[0]
-
     @cached_property
     def dropped_count(self) -> int:
         """Images that the source counted and that were not written."""
@@ -176,7 +171,7 @@ class Recording:
         if self.is_of_other_program and len(positions):
             away_ns = np.abs(positions["stamp_ns"] - stamp_ns)
             nearest = int(away_ns.argmin())
-            within_ns = 0.5e9 / median_rate_hz(self.stamps_ns(Topic.IMAGES))
+            within_ns = 0.5e9 / usual_rate_hz(self.stamps_ns(Topic.IMAGES))
             return self.file.message(positions[nearest]) if away_ns[nearest] <= within_ns else None
         messages = map(self.file.message, positions[positions["stamp_ns"] == stamp_ns])
         return next((message for message in messages if message.sequence == index), None)
@@ -189,7 +184,7 @@ class Recording:
             reason = (error.got if isinstance(error, FileFormatError) else str(error)).splitlines() or [""]
             raise RecordingUnreadable(
                 expected=f"{self.path} as it was recorded",
-                got=f"a message at {message.log_time} ns that cannot be read ({reason[0][:100]})",
+                got=f"a message at {message.log_time} ns that cannot be read ({reason[0][:120]})",
                 remedy="restore the file from a copy",
             ) from error
 
@@ -346,15 +341,18 @@ class Recording:
         return into
 
     def sensor_files(self) -> dict[str, bytes]:
-        """Return the content of the attached sensor folder's files by their paths in it; paths leading elsewhere are skipped."""
+        """Return the content of the attached sensor folder's files by their paths in it.
+
+        Paths that lead elsewhere, or into a file, are skipped.
+        """
         if self._sensor_folder is not None:
             return read_folder_files(self._sensor_folder)
         folder, files = PurePosixPath(_attached_folder(self.metadata.name)).parts, {}
         for attachment in self.file.attachments():
             parts = PurePosixPath(attachment.name).parts
             if parts[: len(folder)] == folder and _is_path_in_folder(parts[len(folder) :]):
-                files[str(PurePosixPath(*parts[len(folder) :]))] = attachment.data
-        return files
+                files[PurePosixPath(*parts[len(folder) :])] = attachment.data
+        return {str(name): data for name, data in files.items() if files.keys().isdisjoint(name.parents)}
 
     @cached_property
     def calibration_checksum(self) -> str:

@@ -13,7 +13,7 @@ from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import RecordedReferences, Recording
-from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader, FindReferenceFaults
 
@@ -91,7 +91,7 @@ class RecordedFrameSource(_RecordedTopic, FrameSource):
         """Open the recording at its first image; raises `CameraError` or `RecordingUnreadable`."""
         super().open()
         self._has_told_end = False
-        self.recorded_hz = median_rate_hz(self._positions["stamp_ns"])
+        self.recorded_hz = usual_rate_hz(self._positions["stamp_ns"])
 
     def depth_reader_at(
         self,

@@ -13,7 +13,7 @@ from typing import Any
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
-from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete
+from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete, require_frame_source
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
@@ -70,7 +70,6 @@ def record(
     ...     recording.metadata.sensor
     'my_sensor'
     """
-    end_at = float("inf") if seconds is None else monotonic() + seconds
     writers, _ = record_several(
         {"": SensorToRecord(source, sensor, force_torque, estimator, camera_delay_ms)},
         out,
@@ -78,8 +77,9 @@ def record(
         settings,
         images,
         height_step_mm,
-        should_stop=lambda: should_stop() or monotonic() >= end_at,
-        notify=notify,
+        seconds,
+        should_stop,
+        notify,
         on_progress=lambda writers: on_progress(*writers),
     )
     return writers[""]
@@ -103,11 +103,13 @@ def record_several(
     settings: str = "{}",
     images: ImageStorage = "zstd",
     height_step_mm: float = 0.0,
+    seconds: float | None = None,
     should_stop: Callable[[], bool] = lambda: False,
     notify: Callable[[str], None] = lambda sentence: None,
     on_progress: Callable[[Collection[RecordingWriter]], None] = lambda writers: None,
 ) -> tuple[dict[str, RecordingWriter], dict[str, NinedtactError]]:
-    """Record several sensors, by their names, into one new MCAP file, until all sources have ended or `should_stop` is true.
+    """Record several sensors, by their names, into one new MCAP file, until all sources have ended, `seconds` are over since
+    all of them were opened, or `should_stop` is true.
 
     All sources are opened, or none. A sensor that fails later is reported through `notify` and marked in the file, and the others
     go on; where the file itself can no longer be written (a full disk), all of them end, and what was written before is kept. The
@@ -121,12 +123,12 @@ def record_several(
         said = partial(lambda beginning, sentence: notify(beginning + sentence), f"{name}: " if name else "")
         recorders[name] = _new_recorder(part, out, replace(first, name=name), heights, said, beside)
     writers, errors = {name: recorder.writer for name, recorder in recorders.items()}, dict[str, NinedtactError]()
-    ending = Event()
+    ending, end_at = Event(), float("inf")
 
     def write(name: str) -> None:
         recorder = recorders[name]
         try:
-            recorder.write(lambda: ending.is_set() or should_stop())
+            recorder.write(lambda: ending.is_set() or monotonic() >= end_at or should_stop())
             if recorder.estimates is not None:
                 recorder.estimates.require_reference()
         except NinedtactError as error:
@@ -142,6 +144,7 @@ def record_several(
     with notify_partial_recording(Path(out), notify), next(iter(writers.values())), ExitStack() as opened:
         for recorder in recorders.values():
             opened.enter_context(recorder.opened())
+        end_at = float("inf") if seconds is None else monotonic() + seconds
         with ThreadPoolExecutor(len(recorders), "record") as pool:
             written = [pool.submit(write, name) for name in recorders]
             try:
@@ -162,6 +165,7 @@ def _new_recorder(
     notify: Callable[[str], None],
     beside: RecordingWriter | None = None,
 ) -> "Recorder":
+    require_frame_source(part.source)
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults

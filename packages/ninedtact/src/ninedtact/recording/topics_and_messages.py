@@ -36,6 +36,17 @@ Fields = TypeVar("Fields")
 _StampNs = Annotated[int, Meta(ge=-(1 << 62), le=1 << 62)]
 CAMERA_FRAME, SKIN_FRAME = "camera", "skin"
 """Frames of a recording, that of the camera image and that of heights and wrenches; among several sensors after their name."""
+_CHANNELS = {
+    "bgr8": (3, [0, 1, 2]),
+    "8UC3": (3, [0, 1, 2]),
+    "rgb8": (3, [2, 1, 0]),
+    "bgra8": (4, [0, 1, 2]),
+    "rgba8": (4, [2, 1, 0]),
+    "mono8": (1, [0, 0, 0]),
+    "8UC1": (1, [0, 0, 0]),
+}
+"""Encodings of sensor_msgs/Image: number of channels, and which of them are blue, green and red. Ours is the first; other drivers
+have the others."""
 _WARN = 1
 """Level of a diagnostic_msgs/DiagnosticStatus."""
 
@@ -245,7 +256,7 @@ def decode_image(data: bytes, images: str = "zstd", accepts_jpeg: bool = False) 
     if images == "png":
         file = type_store().deserialize_cdr(data, _COMPRESSED_IMAGE_TYPE).data
         return decode_image_file(file.tobytes(), "PNG", *["JPEG"] * accepts_jpeg)
-    return _pixels(_decode(Topic.IMAGES, data), "bgr8", np.dtype(np.uint8), 3).copy()
+    return _colour_pixels(_decode(Topic.IMAGES, data))
 
 
 def decode_height_map(data: bytes, step_mm: float = 0.0) -> Float32[Array, "rows cols"]:
@@ -360,6 +371,17 @@ def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: 
     data = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
     layout = {"height": rows, "width": cols, "encoding": encoding, "is_bigendian": 0, "step": data.size // rows}
     return _encode(topic, header=header, data=data, **layout)
+
+
+def _colour_pixels(message: Any) -> UInt8[Array, "rows cols 3"]:
+    """Return the blue, green and red pixels of an image message; raises `ValueError` for an unknown encoding or number of bytes."""
+    channels, order = _CHANNELS.get(message.encoding, (0, []))
+    rows, used, step = message.height, message.width * channels, message.step
+    if not channels or step < used or message.data.nbytes != rows * step:
+        known = ", ".join(_CHANNELS)
+        raise ValueError(f"{message.data.nbytes} bytes of encoding {message.encoding[:20]!r}; {known} are read")
+    pixels = message.data.reshape(rows, step)[:, :used].reshape(rows, message.width, channels)
+    return np.ascontiguousarray(pixels[..., order])
 
 
 def _pixels(message: Any, encoding: str, kind: np.dtype[Any], channels: int = 1) -> Array:

@@ -12,7 +12,7 @@ from types import TracebackType
 
 from mcap.writer import CompressionType, Writer
 
-from ninedtact.errors import OutputError
+from ninedtact.errors import CameraError, OutputError
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.recording.errors import RecordingStopped
@@ -86,6 +86,7 @@ class RecordingWriter:
             self._topics.add(Topic.WARNINGS)
         self._attachments = dict(attachments or {})
         self._next_index: int | None = None
+        self._size: tuple[int, int] | None = None
         self._reference: Rectified | None = None
         of_sensor = f"{metadata.name}_" if metadata.name else ""  # which several sensors are told apart by
         self._camera_frame, self._skin_frame = of_sensor + CAMERA_FRAME, of_sensor + SKIN_FRAME
@@ -243,6 +244,15 @@ class RecordingWriter:
             self.flush()
 
     def _encode_image(self, frame: Frame) -> bytes:
+        """Return the message of an image; raises `CameraError` for another size than that of the first one."""
+        (rows, cols, _), (first_rows, first_cols) = frame.image.shape, self._size or frame.image.shape[:2]
+        if (rows, cols) != (first_rows, first_cols):
+            raise CameraError(
+                expected=f"images of {first_cols}x{first_rows} pixels from {self.metadata.source}, as the first one",
+                got=f"{cols}x{rows}",
+                remedy="use what was recorded before, and set the camera to one size",
+            )
+        self._size = rows, cols
         wall_ns = self.metadata.wall_ns(frame.stamp_ns)
         return encode_image(frame.image, wall_ns, self.metadata.images, self._camera_frame)
 

@@ -15,12 +15,13 @@ from jaxtyping import Float32
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import ExposureWithLimits, FrameSource, SourceNotOpen
-from ninedtact.design import SensorDesign
+from ninedtact.design import SecondKind, SensorDesign
 from ninedtact.errors import CameraError, NinedtactError
-from ninedtact.mechanics.indenter import Ball
+from ninedtact.mechanics.indenter import Ball, FlatPunch, Indenter
 from ninedtact.quantities import Frame
 from ninedtact.simulation.calibration_images import (
     CALIBRATION_SOLVER_SETTINGS,
+    FLAT_END_EDGE_MM,
     GUIDED_PRESSES,
     SECOND_BALL_DEPTH,
     refine_twin_grid_for_board,
@@ -36,7 +37,7 @@ _LOOSER_SOLVER_SETTINGS = replace(CALIBRATION_SOLVER_SETTINGS, tolerance=2 * CAL
 class HeldCalibrationObject:
     """What is held on the skin, and how."""
 
-    gauge: Literal["nothing", "board", "ball", "second_ball"] = "nothing"
+    gauge: Literal["nothing", "board", "ball"] | SecondKind = "nothing"
     depth_mm: float = 0.0
     load_n: float | None = None
     """Load instead of a depth."""
@@ -105,7 +106,7 @@ class SimulatedCalibrationCamera(FrameSource):
             self._held = press
 
     def follow(self, step: str) -> None:
-        """Press what a step needs ("board", "ball", "second_ball"; nothing in any other), where the camera plays by itself."""
+        """Press what a step needs ("board", "ball", a `SecondKind`; nothing in any other), where the camera plays by itself."""
         self.offer(self.good_press(step))
 
     def offer(self, press: HeldCalibrationObject) -> None:
@@ -115,7 +116,7 @@ class SimulatedCalibrationCamera(FrameSource):
             self.hold(press)
 
     def good_press(self, gauge: str) -> HeldCalibrationObject:
-        """Return a press of the board or of a ball that calibrates well; nothing for any other name."""
+        """Return a press of the board or of another object that calibrates well; nothing for any other name."""
         presses = GUIDED_PRESSES.for_gel(self._design.gel)
         if gauge == "board":
             return HeldCalibrationObject("board", presses.board_depth_mm)
@@ -125,6 +126,8 @@ class SimulatedCalibrationCamera(FrameSource):
             )
             depth_mm = min(depth_mm, SECOND_BALL_DEPTH * self._design.ball.second_radius_mm)
             return HeldCalibrationObject("second_ball", depth_mm, drag_mm=presses.ball_drag_mm)
+        if gauge == "flat_end":
+            return HeldCalibrationObject("flat_end", self._design.flat_end.depth_mm)
         return (
             HeldCalibrationObject("ball", presses.ball_depth_mm, drag_mm=presses.ball_drag_mm)
             if gauge == "ball"
@@ -153,6 +156,15 @@ class SimulatedCalibrationCamera(FrameSource):
         """Stop."""
         self._is_closed.set()
 
+    def _indenter(self, gauge: str) -> Indenter:
+        """Return what is held on the skin."""
+        design = self._design
+        if gauge == "board":
+            return pin_board_indenter(design.pin_board)
+        if gauge == "flat_end":
+            return FlatPunch(design.flat_end.radius_mm, FLAT_END_EDGE_MM)
+        return Ball(design.ball.second_radius_mm if gauge == "second_ball" else design.ball.radius_mm)
+
     def _press(self, held: HeldCalibrationObject) -> None:
         """Solve the contact of a press and render it; a press that the mechanics refuse leaves the image as it was."""
         self.refusal = ""
@@ -160,8 +172,7 @@ class SimulatedCalibrationCamera(FrameSource):
             self._clean = self._twin.renderer.reference
             return
         is_board, tilt = held.gauge == "board", (radians(held.tilt_deg[0]), radians(held.tilt_deg[1]))
-        ball = self._design.ball.second if held.gauge == "second_ball" else self._design.ball
-        indenter = pin_board_indenter(self._design.pin_board) if is_board else Ball(ball.radius_mm)
+        indenter = self._indenter(held.gauge)
         twin = self._fine_twin if is_board else self._twin
         depth_mm = held.depth_mm if held.load_n is None else None
         press = ScriptedPress(depth_mm, held.load_n, held.at_mm, held.drag_mm, tilt_rad=tilt)

@@ -17,6 +17,8 @@ GUIDED_FRAMES, GUIDED_BOARD_MM = 8, 0.85
 """Number of frames that a guided calibration averages, and the depth at which imprints of the board are as dark as real ones."""
 SECOND_BALL_DEPTH = 0.4
 """Largest depth of a small second ball, in radii: deeper, its disc is as wide as the ball."""
+FLAT_END_EDGE_MM = 0.2
+"""Radius of the lightly broken edge of a rod whose flat end is pressed."""
 CALIBRATION_SOLVER_SETTINGS = SolverSettings(tolerance=5e-3)
 
 

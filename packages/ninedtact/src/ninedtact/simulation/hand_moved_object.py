@@ -1,9 +1,11 @@
 """An object that a person moves over a twin: to a depth or under a load, dragged, twisted and tilted.
 
 A person states a target at any time; `SimulatedHand.step` moves the object towards it in steps that are small enough for friction,
-which depends on the path. A step that mechanics refuse leaves the object where it was; `refusal` says why.
+which depends on the path. A step that mechanics refuse leaves the object where it was, or lifts it straight up where it is to
+be lifted; `refusal` says why.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from threading import Lock
 
@@ -85,18 +87,19 @@ class SimulatedHand:
             self._indenter, self._refusal = None, ""
 
     def step(self, twin: Twin, last: Press, indenter: Indenter, after_s: float = 0.0) -> Press:
-        """Return the press one step nearer to the target, after some time; the last one where the twin refuses the step."""
+        """Return the press one step nearer to the target, after some time.
+
+        Where the twin refuses that step, the object is lifted straight up if it is to be lifted, and otherwise stays as it was.
+        """
         target, refusal = self.target, ""
-        lifted = target.load_n is not None and target.load_n < _LIGHTEST_N
-        deep_mm = -HOVER_MM if lifted else target.pose.depth_mm
-        wanted = replace(target.pose, depth_mm=deep_mm)
         try:
-            if target.load_n is None or lifted:
-                press = twin.press(last, indenter, _approach(last.pose, wanted), after_s=after_s)
-            else:
-                press = _step_to_load(twin, last, indenter, wanted, target.load_n, after_s)
+            press = _step(twin, last, indenter, target, after_s)
         except NinedtactError as trouble:
-            press, refusal = last, str(trouble)
+            press, refusal = last, f"{trouble.got}; {trouble.remedy}"
+        if refusal and target.load_n is None and target.pose.depth_mm < last.pose.depth_mm:
+            with suppress(NinedtactError):
+                upwards = HandTarget(replace(last.pose, depth_mm=target.pose.depth_mm))
+                press = _step(twin, last, indenter, upwards, after_s)
         with self._lock:
             self._refusal = refusal
         return press
@@ -104,6 +107,16 @@ class SimulatedHand:
     def hover(self, twin: Twin, indenter: Indenter) -> Press:
         """Return undeformed skin with an object above it, at the place of the target."""
         return twin.hover(indenter, replace(self.target.pose, depth_mm=-HOVER_MM))
+
+
+def _step(twin: Twin, last: Press, indenter: Indenter, target: HandTarget, after_s: float) -> Press:
+    """Return the press one step nearer to a target; raises what `Twin.press` raises."""
+    if target.load_n is None:
+        return twin.press(last, indenter, _approach(last.pose, target.pose), after_s=after_s)
+    lifted = replace(target.pose, depth_mm=-HOVER_MM)
+    if target.load_n < _LIGHTEST_N:
+        return twin.press(last, indenter, _approach(last.pose, lifted), after_s=after_s)
+    return _step_to_load(twin, last, indenter, target.pose, target.load_n, after_s)
 
 
 def _step_to_load(twin: Twin, last: Press, indenter: Indenter, wanted: Pose, load_n: float, after_s: float) -> Press:

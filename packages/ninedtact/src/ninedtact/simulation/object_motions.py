@@ -63,8 +63,11 @@ def play_motion(twin: Twin, indenter: Indenter, motion: Motion) -> Iterator[Moti
             return
 
 
-def true_slip(last: Press | None, press: Press) -> TrueSlip:
-    """Return the true state: the share that sticks, and how fast the object's points move over the skin."""
+def true_slip(last: Press | None, press: Press, after_s: float = 1 / HZ) -> TrueSlip:
+    """Return the true state: the share that sticks, and how fast the object's points move over the skin.
+
+    after_s: time from the last press to this one, above zero.
+    """
     if last is None or press.slip_share is None:
         return TrueSlip("unknown" if press.slip_share is None else "static", 1.0, 0.0)
     before, now = last.solved, press.solved
@@ -74,7 +77,8 @@ def true_slip(last: Press | None, press: Press) -> TrueSlip:
     carried = before.tangential_mm + rigid_displacement_mm(origin, moved, now.skin.positions_mm)
     weight = np.where(before.pressure_mpa > 0, now.pressure_mpa, 0)
     slid_mm = np.hypot(*(carried - now.tangential_mm))
-    speed, share = HZ * float((weight * slid_mm).sum() / max(weight.sum(), 1e-12)), 1 - press.slip_share
+    slid_mean_mm, share = float((weight * slid_mm).sum() / max(weight.sum(), 1e-12)), 1 - press.slip_share
+    speed = slid_mean_mm / after_s
     if share < SLIDES_BELOW_SHARE and speed > SLIDES_ABOVE_MM_PER_S:
         return TrueSlip("gross", share, speed)
     return TrueSlip("incipient" if share < INCIPIENT_BELOW_SHARE else "static", share, speed)

@@ -87,7 +87,7 @@ class SampleTimer:
         return self.clock.start_ns + round(number * 1e9 / self.hz)
 
 
-KEPT_PRESSES, KEPT_WRENCHES = 16, 1024
+KEPT_PRESSES, KEPT_WRENCHES = 48, 1024
 """Number of the newest steps that are stored."""
 
 

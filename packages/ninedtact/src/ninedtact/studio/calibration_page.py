@@ -18,6 +18,7 @@ from ninedtact.calibration.certificate.checks import (
 )
 from ninedtact.calibration.save import CERTIFICATE_FILE, failed_calibration_notices
 from ninedtact.calibration.sensor_toml_schema import Certificate
+from ninedtact.design import SecondKind
 from ninedtact.simulation.calibration_camera import HeldCalibrationObject, SimulatedCalibrationCamera
 from ninedtact.studio.calibration_session import CalibrationPhase, CalibrationSession, CalibrationState
 from ninedtact.studio.guided_page import (
@@ -34,7 +35,6 @@ from ninedtact.studio.page_server import PageServer, draw_with_retry
 from ninedtact.studio.viewer import on_user_change
 
 _STEP_NAMES = ("untouched", "board", "untouched", "ball")
-_SECOND_BALL_STEP_NAMES = ("untouched", "second ball")
 _GRADES = {
     "pass": ("Ready to measure", "live"),
     "warn": ("Can be used with care", "busy"),
@@ -85,20 +85,31 @@ class CalibrationPage:
 
     @property
     def _step_names(self) -> tuple[str, ...]:
-        return (*_STEP_NAMES, *(_SECOND_BALL_STEP_NAMES if self._session.second_ball else ()), "fit")
+        second = (name for kind in self._session.second for name in ("untouched", kind.replace("_", " ")))
+        return (*_STEP_NAMES, *second, "fit")
+
+    @property
+    def _chosen_second(self) -> tuple[SecondKind, ...]:
+        return tuple(kind for kind, box in self._second.items() if box.value)
 
     def _build_buttons(self) -> None:
         gui, session = self._server.viser.gui, self._session
         self._replace = gui.add_checkbox("replace the sensor", False, hint=f"{session.out} holds a calibrated sensor")
-        self._second_ball = gui.add_checkbox(
-            "press a second ball too",
-            session.second_ball,
-            hint=f"of radius {session.design.ball.second_radius_mm:g} mm; it shows how far the base yields, and so the true depth",
-        )
+        hints: dict[SecondKind, str] = {
+            "second_ball": f"of radius {session.design.ball.second_radius_mm:g} mm",
+            "flat_end": f"of a rod of radius {session.design.flat_end.radius_mm:g} mm, which a stop lets in "
+            f"{session.design.flat_end.depth_mm:g} mm deep",
+        }
+        self._second = {
+            kind: gui.add_checkbox(
+                f"press a {kind.replace('_', ' ')} too",
+                kind in session.second,
+                hint=f"{hint}; it shows how far the base yields, and so the true depth",
+            )
+            for kind, hint in hints.items()
+        }
         add = partial(add_action_button, gui)
-        self._start = add(
-            "Start", Icon.PLAYER_PLAY, lambda: session.start(self._replace.value, self._second_ball.value)
-        )
+        self._start = add("Start", Icon.PLAYER_PLAY, lambda: session.start(self._replace.value, self._chosen_second))
         self._fit_again = add(
             "Calibrate again from the images", Icon.REFRESH, lambda: session.fit_again(self._replace.value)
         )
@@ -113,7 +124,7 @@ class CalibrationPage:
         gui = self._server.viser.gui
         self._presses = SimulatedSensorControls(gui, simulated, "Press the simulated sensor", "press automatically")
         with self._presses.folder:
-            hold = gui.add_button_group("hold", ("board", "ball", "second ball", "nothing"))
+            hold = gui.add_button_group("hold", ("board", "ball", "second ball", "flat end", "nothing"))
             self._depth = gui.add_slider("depth (mm)", 0.0, 2.5, 0.05, 0.0)
             self._tilt_x = gui.add_slider("tilt about x (°)", -4.0, 4.0, 0.1, 0.0)
             self._tilt_y = gui.add_slider("tilt about y (°)", -4.0, 4.0, 0.1, 0.0)
@@ -149,7 +160,8 @@ class CalibrationPage:
         phase, complete = state.phase, state.step == len(self._step_names) - 1
         can_fit = phase is CalibrationPhase.REFUSED and complete
         self._start.visible = phase is CalibrationPhase.PREVIEW
-        self._second_ball.visible = phase is CalibrationPhase.PREVIEW and self._session.settings.method == "physics"
+        for box in self._second.values():
+            box.visible = phase is CalibrationPhase.PREVIEW and self._session.settings.method == "physics"
         self._start.disabled = bool(state.camera_trouble) or state.image is None
         self._replace.visible = (phase is CalibrationPhase.PREVIEW or can_fit) and self._session.would_replace
         self._fit_again.visible = can_fit

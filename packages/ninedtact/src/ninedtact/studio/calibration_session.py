@@ -31,7 +31,7 @@ from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import require_replaceable_sensor_folder, save_sensor
 from ninedtact.calibration.sensor_folder import SENSOR_FILE, SensorFolder
 from ninedtact.calibration.settings import CalibrationSettings
-from ninedtact.design import SensorDesign
+from ninedtact.design import SecondKind, SensorDesign
 from ninedtact.errors import NinedtactError, OutputError
 from ninedtact.quantities import BgrImage
 from ninedtact.studio.guided_session import GuidedSession, GuidedState
@@ -95,8 +95,8 @@ class CalibrationSession(GuidedSession[CalibrationState]):
     design: SensorDesign = SensorDesign()
     settings: CalibrationSettings = CalibrationSettings()
     sensor_id: str = "9dtact"
-    second_ball: bool = False
-    """Whether a second ball is pressed too, which tells the base of the gel."""
+    second: tuple[SecondKind, ...] = ()
+    """What is pressed too, which tells the base of the gel."""
     on_step: Callable[[str], None] = lambda step: None
     """Called with the name of each step that begins, and with an empty text when the images are complete or given up."""
     force_requested: Event = field(default_factory=Event, init=False)
@@ -110,7 +110,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
 
     @property
     def _steps(self) -> list[CaptureStep]:
-        return list(guided_capture_steps(self.design, self.settings, self.second_ball))
+        return list(guided_capture_steps(self.design, self.settings, self.second))
 
     def _first_state(self) -> CalibrationState:
         return CalibrationState(source=self.camera.source)
@@ -120,15 +120,15 @@ class CalibrationSession(GuidedSession[CalibrationState]):
         """Whether the folder to write holds a sensor already, other than the one just calibrated."""
         return (self.out / SENSOR_FILE).is_file() and self.state.result is None
 
-    def start(self, replace_sensor: bool = False, second_ball: bool | None = None) -> None:
+    def start(self, replace_sensor: bool = False, second: tuple[SecondKind, ...] | None = None) -> None:
         """Take the first image; raises `OutputError`, `SensorFolderNotReplaceable`. Once started, nothing happens.
 
-        second_ball: whether one is pressed too, where that is chosen now.
+        second: what is pressed too, where that is chosen now.
         """
         with self._changed:
             if self._state.phase is CalibrationPhase.PREVIEW:
                 self._agree(replace_sensor)
-                self.second_ball = self.second_ball if second_ball is None else second_ball
+                self.second = self.second if second is None else second
                 self.camera.restart_recording()
                 self._begin_step(0)
 

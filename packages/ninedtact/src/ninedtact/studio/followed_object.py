@@ -12,8 +12,9 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.reading import Reading
+from ninedtact.simulation.object_motions import true_slip
 from ninedtact.simulation.press import Press
-from ninedtact.tracking import ContactTracker, RigidMotion, SlipEstimate, TrackedContacts
+from ninedtact.tracking import ContactTracker, RigidMotion, SlipEstimate, SlipState, TrackedContacts
 
 SEEN_TURN_RAD = np.radians(45)
 """Standard deviation of a turn below which it is shown; a ball has 115°."""
@@ -21,6 +22,9 @@ _STEP_MM = 0.05
 """Distance of the points of a path."""
 _MOST_POINTS = 300
 """Number of points from which every other one is left out."""
+_SEEN_STD_MM = 0.1
+"""Standard deviation of a position up to which a path is continued after images that could not be used."""
+_ANOTHER = "new path: another object, or one that was not recognised"
 _KEPT = 8
 """Newest readings of which the result is kept, because the page shows one that is a little older."""
 
@@ -57,9 +61,12 @@ class FollowedObject:
     stamp_ns: int = 0
     slip: SlipEstimate = SlipEstimate()
     seen: ObjectPath | None = None
-    """None where nothing touches."""
+    """None where nothing touches, or where the image cannot be used."""
     true: ObjectPath | None = None
     """That of the simulation; None for a sensor that is no twin."""
+    true_slip: SlipState = SlipState.UNKNOWN
+    doubt: str = ""
+    """Why position or turn is not sure; empty where they are."""
 
 
 @dataclass
@@ -73,35 +80,64 @@ class ObjectFollower:
     _tracker: ContactTracker | None = field(default=None, init=False, repr=False)
     """None while nobody is interested: what was followed before says nothing about later readings."""
     _recent: tuple[FollowedObject, ...] = field(default=(FollowedObject(),), init=False, repr=False)
+    _found: TrackedContacts | None = field(default=None, init=False, repr=False)
+    """What the tracker found in the last image that could be used."""
+    _last: FollowedObject = field(default=FollowedObject(), init=False, repr=False)
+    """What was known of the object then."""
     _begin_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
     _begin_rad: float = field(default=0.0, init=False, repr=False)
     """What the tracker gave as displacement and turn when the object touched first."""
     _first_press: Press | None = field(default=None, init=False, repr=False)
     """How the twin was pressed then."""
+    _press: Press | None = field(default=None, init=False, repr=False)
+    """How it was pressed in the last image that could be used."""
     _path: int = field(default=0, init=False, repr=False)
     """The path of the tracker that is followed; another object begins another one."""
 
     def add(self, reading: Reading) -> None:
         """Follow the object into the next reading; called in the sensor thread."""
         if not self.is_wanted:
-            self._tracker, self._recent = None, (FollowedObject(),)
+            self._tracker, self._found, self._last, self._recent = None, None, FollowedObject(), (FollowedObject(),)
             return
         self._tracker = self._tracker or ContactTracker()
-        found, press = self._tracker.update(reading), self.press_at(reading.stamp_ns)
-        is_another = self._is_another_object(found)
-        seen = self._extend_seen(found, press, None if is_another else self._recent[-1].seen)
-        true = None if seen is None or press is None else self._extend_true(press, seen)
-        self._recent = (*self._recent[1 - _KEPT :], FollowedObject(reading.stamp_ns, found.slip, seen, true))
+        found = self._tracker.update(reading)
+        if reading.image_warnings:  # the path goes on with the next image
+            now = FollowedObject(reading.stamp_ns, found.slip, doubt=found.motion.reason)
+        else:
+            now = self._last = self._continue(found, self.press_at(reading.stamp_ns))
+            self._found = found
+        self._recent = (*self._recent[1 - _KEPT :], now)
 
     def at(self, stamp_ns: int) -> FollowedObject:
         """Return what was found in the reading of this stamp, or in the newest one."""
         recent = self._recent
         return next((one for one in recent if one.stamp_ns == stamp_ns), recent[-1])
 
-    def _is_another_object(self, found: TrackedContacts) -> bool:
-        """Return whether another object touches than the one whose path is kept."""
-        before, self._path = self._path, found.motion.path if found.motion.is_known else self._path
-        return self._path != before
+    def _continue(self, found: TrackedContacts, press: Press | None) -> FollowedObject:
+        motion, last = found.motion, self._last
+        path_before, self._path = self._path, motion.path if motion.is_known else self._path
+        is_another = self._path != path_before
+        was_unusable = self._recent[-1].stamp_ns != last.stamp_ns
+        is_late = press is not None and self._first_press is None  # the simulation had not kept the first press
+        if is_another or is_late or (was_unusable and not self._bridge_unusable_images(found)):
+            last = FollowedObject()
+        seen = self._extend_seen(found, press, last.seen)
+        true = None if seen is None or press is None else self._extend_true(press, seen, last.true)
+        since_s = (found.reading.stamp_ns - self._last.stamp_ns) / 1e9
+        slip, self._press = _true_slip(self._press, press, since_s), press
+        begins_anew = is_another and self._last.seen is not None
+        lost = f"object lost: {motion.reason}" if motion.reason else ""
+        doubt = lost or (_ANOTHER if begins_anew else last.doubt if last.doubt == _ANOTHER else "")
+        return FollowedObject(found.reading.stamp_ns, found.slip, seen, true, slip, "" if seen is None else doubt)
+
+    def _bridge_unusable_images(self, found: TrackedContacts) -> bool:
+        """Add what the object has moved since the last image that could be used; return whether its shape shows that."""
+        before = self._found
+        if before is None or not (before.motion.is_known and found.motion.is_known):
+            return False
+        moved_mm = found.motion.moved_mm[:2] - before.motion.moved_mm[:2]
+        self._begin_mm = self._begin_mm + found.displacement_mm - before.displacement_mm - moved_mm
+        return float(found.motion.std[:2].max()) < _SEEN_STD_MM
 
     def _extend_seen(self, found: TrackedContacts, press: Press | None, before: ObjectPath | None) -> ObjectPath | None:
         if not found.contacts:
@@ -117,17 +153,20 @@ class ObjectFollower:
         turn_rad = (yaw_rad - self._begin_rad + np.pi) % (2 * np.pi) - np.pi
         return before.then(place_mm, turn_rad, float(motion.std[5]), sticking_share)
 
-    def _extend_true(self, press: Press, seen: ObjectPath) -> ObjectPath | None:
+    def _extend_true(self, press: Press, seen: ObjectPath, before: ObjectPath | None) -> ObjectPath | None:
         first, slip_share = self._first_press, press.slip_share
-        before = None if len(seen.places_mm) == 1 else self._recent[-1].true
         if first is None or press.indenter is not first.indenter:
             return None
         motion = _pose_of(press).after(_pose_of(first).inverse)
         start_mm = np.append(seen.places_mm[0], -float(first.pose.depth_mm))
         place_mm, sticking_share = motion(start_mm)[:2], np.nan if slip_share is None else 1 - slip_share
-        if before is None:
-            before = ObjectPath(seen.places_mm[:1], 0.0)
-        return before.then(place_mm, motion.yaw_rad, 0.0, sticking_share)
+        return (before or ObjectPath(seen.places_mm[:1], 0.0)).then(place_mm, motion.yaw_rad, 0.0, sticking_share)
+
+
+def _true_slip(before: Press | None, press: Press | None, since_s: float) -> SlipState:
+    if press is None or before is None or press.indenter is not before.indenter:
+        return SlipState.UNKNOWN
+    return SlipState(true_slip(before, press, since_s).state)
 
 
 def _pose_of(press: Press) -> RigidMotion:

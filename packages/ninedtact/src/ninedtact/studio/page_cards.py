@@ -52,8 +52,9 @@ _TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-_SLIP_TONES = {SlipState.STATIC: "live", SlipState.INCIPIENT: "busy", SlipState.GROSS: "lost"}
-"""Colours of the slip lamp."""
+_SLIP_TONES = {SlipState.STATIC: "live", SlipState.INCIPIENT: "busy", SlipState.GROSS: "lost", SlipState.UNKNOWN: ""}
+"""Colours of the slip lamp, which is out where slip is unknown."""
+_SLIP_WORDS = {SlipState.STATIC: "no slip", SlipState.INCIPIENT: "incipient slip", SlipState.GROSS: "gross slip"}
 _CARDS: Any = _TEMPLATES.get_template("page_cards.html.jinja").module
 
 
@@ -67,32 +68,36 @@ def status_html(status: SensorStatusMessage) -> str:
     return card_html("status", sentence=status.sentence, tone=status.tone)
 
 
-def shape_summary_html(summary: ShapeSummary, is_past: bool) -> str:
-    """Return maximum indentation, contact area, contact centre and a warning as HTML."""
-    x_y = summary.contact_centre_mm
-    centre = x_y and f"centre at x {format_signed_tenths(x_y[0])}, y {format_signed_tenths(x_y[1])} mm"
+def shape_summary_html(summary: ShapeSummary, is_past: bool, doubt: str = "") -> str:
+    """Return maximum indentation, contact area, contact centre and warnings as HTML. doubt: about where the object is."""
+    centre = summary.contact_centre_mm
+    place = centre and "centre at x {:.1f}, y {:.1f} mm".format(*centre).replace("-", "\N{MINUS SIGN}")
     measures = (
         ("maximum indentation", format_max_indentation(summary), "mm"),
         ("contact area", f"{summary.contact_area_mm2:.1f}", "mm²"),
     )
-    warning = "; ".join(summary.warnings)
-    where = centre or ("" if summary.is_deepest_clipped else "nothing touches")
+    warning = "; ".join((*summary.warnings, *([doubt] if doubt else [])))
+    where = place or ("" if summary.is_deepest_clipped else "nothing touches")
     return card_html("shape_summary", measures=measures, where=where, warning=warning, is_past=is_past)
 
 
 def followed_object_html(followed: FollowedObject, is_past: bool) -> str:
-    """Return how far the object has moved and turned and how much of it sticks, as seen and on a twin as it is; and a slip lamp."""
+    """Return how far the object has moved and turned and how much of it sticks, as seen and on a twin as it is; with slip lamps."""
+    states = (followed.slip.state, followed.true_slip)
     rows = [
-        (name, _hex_colour(colour), *_format_path(path))
-        for name, colour, path in (("seen", SEEN, followed.seen), ("true", TRUE, followed.true))
-        if path is not None
+        (name, _hex_colour(colour), _SLIP_TONES[state], _SLIP_WORDS.get(state, ""), _format_path(path))
+        for name, colour, path, state in zip(
+            ("estimated", "true"), (SEEN, TRUE), (followed.seen, followed.true), states, strict=True
+        )
+        if path is not None or name == "estimated"
     ]
-    lamp = _SLIP_TONES.get(followed.slip.state, "held")
-    return card_html("followed_object", rows=rows, state=str(followed.slip.state), lamp=lamp, is_past=is_past)
+    return card_html("followed_object", state=_SLIP_WORDS.get(states[0], ""), rows=rows, is_past=is_past)
 
 
-def _format_path(path: ObjectPath) -> tuple[str, str, str, str]:
+def _format_path(path: ObjectPath | None) -> tuple[str, str, str, str]:
     """Return displacement along x and y, turn, and the share that sticks; a dash where one is not known."""
+    if path is None:
+        return "–", "–", "–", "–"
     x_mm, y_mm = (f"{value + 0.0:+.2f}".replace("-", "\N{MINUS SIGN}") for value in path.moved_mm.round(2).tolist())
     error = f" ± {np.degrees(path.turn_std_rad):.1f}" if path.turn_std_rad else ""
     turn_deg = f"{np.degrees(path.turn_rad):+.1f}{error}°".replace("-", "\N{MINUS SIGN}")
@@ -167,11 +172,13 @@ def wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) ->
     )
 
 
-def wrench_meaning_html(moments: Sequence[WrenchSourceSnapshot]) -> str:
-    """Return what the columns of wrenches mean, and the scale of the arrow, as HTML."""
-    meaning = "; ".join(f"{moment.name}: {moment.meaning}" for moment in moments)
-    scale = f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist"
-    return card_html("line", text=f"{meaning}; {scale}", margin="0.3em", size="0.75em", is_dim=True)
+def wrench_meaning_html(moments: Sequence[WrenchSourceSnapshot], has_curves: bool = False) -> str:
+    """Return what the columns of wrenches mean, and the scale of the arrow, as HTML. has_curves: says how curves are drawn, too."""
+    dashed = [one.name for one in moments if has_curves and len(moments) > 1 and not one.states_errors]
+    parts = [f"{one.name}{' (dashed)' if one.name in dashed else ''}: {one.meaning}" for one in moments]
+    parts.append(f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist")
+    parts += ["time in s"] if has_curves else []
+    return card_html("line", text="; ".join(parts), margin="0.3em", size="0.7em", is_dim=True)
 
 
 def explained_wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:

@@ -206,6 +206,14 @@ class DisplayedSensor:
         self._view, self._views = ReadingView(reading, scale, press), self._views + 1
         self._shown.tick(time.monotonic_ns(), self._views)
 
+    def status(self, snapshot: SensorSnapshot, now_ns: int) -> SensorStatusMessage:
+        """Return the most urgent state of the sensor, or why the object that presses a twin does not go where it is held."""
+        status = most_urgent_status(snapshot, self.shown_reading, False, now_ns)
+        refusal = "" if self.press is None else self.press.simulation.hand.refusal
+        if refusal and status.tone == "live":
+            return SensorStatusMessage("busy", f"object not moved: {refusal}")
+        return status
+
     def moment(self, snapshot: SensorSnapshot, status: SensorStatusMessage) -> SensorMoment:
         """Return the newest view with everything that belongs to its moment."""
         if self._view is not None:
@@ -273,7 +281,7 @@ class PageController:
             one.follower.is_wanted = display.is_watched
             if display.is_watched:
                 one.take(snapshot.reading, self.scale)
-            moments.append(one.moment(snapshot, most_urgent_status(snapshot, one.shown_reading, False, now_ns)))
+            moments.append(one.moment(snapshot, one.status(snapshot, now_ns)))
         self._present(display, moments)
         troubles = [snapshot.trouble for snapshot in snapshots if snapshot.phase is SensorPhase.FAILED]
         if len(troubles) == len(self.sensors) and troubles[0] is not None:

@@ -263,9 +263,9 @@ if (!window.pageProgram) {
   new MutationObserver(tell).observe(document.body, {subtree: true, childList: true});
   const isOfGraphics = (notice) => /Software WebGL/.test(notice.querySelector('.mantine-Notification-title')?.innerText);
   setInterval(() => [...document.querySelectorAll('.mantine-Notification-root')].filter(isOfGraphics).forEach((notice) => {
-    if (notice.seen) notice.querySelector('button')?.click();
-    notice.seen = true;
-  }), 8000);
+    notice.seen = (notice.seen || 0) + 1;
+    if (notice.seen > 8 || innerWidth <= 600) notice.querySelector('button')?.click();
+  }), 1000);
 } else if (window.pageProgram !== PROGRAM) location.reload();
 """
 """Tells which moment has been drawn, and corrects three errors of the page of viser 1.1.
@@ -273,7 +273,8 @@ if (!window.pageProgram) {
 The page drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it, the browser
 reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one. So the data are kept for five seconds.
 
-Its notice that there is no graphics card stays until it is closed by hand, so it is closed after 8 to 16 seconds.
+Its notice that there is no graphics card stays until it is closed by hand, so it is closed after 8 seconds, and on a phone, where
+it covers what is used, after one.
 
 A browser that was connected to an earlier program at the same address connects to this one with the layout of the earlier page. So
 it loads the page again.

@@ -30,7 +30,7 @@ from ninedtact.reading import Reading, read_frame
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.reader import RecordedReferences, Recording
-from ninedtact.recording.summary import median_rate_hz
+from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
     Topic,
@@ -73,7 +73,7 @@ class RecordedReadings:
     @property
     def hz(self) -> float:
         """The usual rate of the images."""
-        return median_rate_hz(self.stamps_ns)
+        return usual_rate_hz(self.stamps_ns)
 
     def reading(self, number: int) -> Reading:
         """Return a reading; raises `RecordingUnreadable`, `FileFormatError`, `ReferenceUnusable`."""

@@ -210,11 +210,11 @@ _LEAST_ARROW_MM = 0.1
 
 
 def _turn_lines_mm(place_mm: Float64[Array, "3"], turn_rad: float, radius_mm: float) -> Float32[Array, "n 2 3"]:
-    """Return an arc from the x axis to the turn, with the hand at its end, as pieces of line."""
+    """Return an arc from the x axis to the turn between its two arms, as pieces of line."""
     angle = np.linspace(0, turn_rad, ARC_PIECES + 1)
     arc = place_mm + radius_mm * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
     pieces = np.stack([arc[:-1], arc[1:]], axis=1)
-    return np.concatenate([pieces, [[place_mm, arc[-1]]]]).astype(np.float32)
+    return np.concatenate([pieces, [[place_mm, arc[0]], [place_mm, arc[-1]]]]).astype(np.float32)
 
 
 GEL, PAST = (150, 172, 196), (110, 114, 118)
@@ -315,9 +315,16 @@ class SkinScene:
             self._indenter = press.indenter
             vertices, faces = indenter_underside_mesh(press.indenter)
             self._object = self._scene.add_mesh_simple(
-                f"{self._at}/object", vertices, faces, color=OBJECT, opacity=OBJECT_OPACITY, side="front"
+                f"{self._at}/object",
+                vertices,
+                faces,
+                color=OBJECT,
+                opacity=OBJECT_OPACITY,
+                side="front",
+                flat_shading=True,
             )
-        self._object.position = tuple(press.pose.origin_mm.tolist())
+        x, y, z = press.pose.origin_mm.tolist()
+        self._object.position = (x, y, z + OBJECT_LIFT_MM)
         self._object.wxyz = SO3.from_matrix(np.asarray(press.pose.rotation)).wxyz
         self._object.visible = True
 
@@ -346,20 +353,27 @@ OBJECT_OPACITY = 0.5
 OBJECT_PITCH_MM, OBJECT_HALF_MM, OBJECT_HEIGHT_MM = 0.3, 14.0, 3.0
 """Spacing of the drawn points of an object, half of the drawn square, and the height above its lowest point up to which it is
 drawn."""
+OBJECT_LIFT_MM = 0.2
+"""Height of a drawn object over the skin that it touches, so that one of both is clearly in front."""
+_FINER = 3
+"""How many times finer the outline of an object is found than its points are drawn."""
 
 
 def indenter_underside_mesh(indenter: Indenter) -> tuple[Float32[Array, "n 3"], UInt32[Array, "m 3"]]:
     """Return the lowest part of the underside of an object as vertices in mm in its own frame, and triangles."""
-    axis = np.arange(-OBJECT_HALF_MM, OBJECT_HALF_MM + OBJECT_PITCH_MM, OBJECT_PITCH_MM)
+    pitch_mm = OBJECT_PITCH_MM / _FINER
+    axis = np.arange(-OBJECT_HALF_MM, OBJECT_HALF_MM + pitch_mm, pitch_mm)
     x, y = np.meshgrid(axis, axis)
     z = np.asarray(indenter.underside_mm(x, y))
-    drawn = cv2.dilate((z < OBJECT_HEIGHT_MM).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    # The outermost points are moved to where the underside has this height, so that the edge is no saw.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slope = np.stack(np.gradient(z, OBJECT_PITCH_MM))
-        step = (z - OBJECT_HEIGHT_MM) * slope / (slope**2).sum(axis=0)
-    step = np.where((z >= OBJECT_HEIGHT_MM) & np.isfinite(step).all(axis=0), step, 0)
-    y, x = np.stack([y, x]) - np.clip(step, -OBJECT_PITCH_MM, OBJECT_PITCH_MM)
+    is_low = (z < OBJECT_HEIGHT_MM).astype(np.uint8)
+    outside, inside = (cv2.distanceTransform(one, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) for one in (1 - is_low, is_low))
+    # The outermost points are moved onto the outline, so that the edge is no saw.
+    distance_mm = cv2.GaussianBlur(pitch_mm * (outside - inside), (0, 0), _FINER / 2)
+    slope = np.stack(np.gradient(distance_mm, pitch_mm))
+    drawn_at = np.s_[::_FINER, ::_FINER]
+    step_mm = np.where(is_low, 0, distance_mm * slope / np.maximum((slope**2).sum(axis=0), 0.25))[:, *drawn_at]
+    x, y, z = x[drawn_at] - step_mm[1], y[drawn_at] - step_mm[0], z[drawn_at]
+    drawn = cv2.dilate(is_low[drawn_at].copy(), np.ones((3, 3), np.uint8)) > 0
     vertices = np.stack([x[drawn], y[drawn], np.minimum(z, OBJECT_HEIGHT_MM)[drawn]], axis=-1).astype(np.float32)
     return vertices, triangulate_view(drawn).astype(np.uint32)
 

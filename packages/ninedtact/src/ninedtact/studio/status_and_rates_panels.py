@@ -78,7 +78,7 @@ class StatusPanel:
         wrenches = alone.wrenches if self._has_table else ()
         self._table.content = wrench_table_html(wrenches, alone.status.is_past) if wrenches else ""
         if alone.view is not None:
-            self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past)
+            self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past, alone.followed.doubt)
             self._object.content = followed_object_html(alone.followed, alone.status.is_past)
 
     def _toggle_freeze(self) -> None:

@@ -85,6 +85,7 @@ class TwinPressPanel:
     def build(self, gui: GuiApi) -> None:
         """Add the choice of objects, the sliders and the 3D handle."""
         state, limits = self._control.state, self._control.limits
+        self._says = gui.add_html("")
         self._mode = gui.add_dropdown("press", (_SEQUENCE, _BY_DEPTH, _BY_LOAD), initial_value=_mode_of(state))
         self._kind = gui.add_dropdown("kind", (*OBJECTS_BY_KIND, OWN_KIND), initial_value=state.kind)
         self._family = gui.add_dropdown("object", self._names_of_kind(state.kind), initial_value=state.family)
@@ -93,7 +94,6 @@ class TwinPressPanel:
             name: gui.add_slider(label, low, high, step, getattr(state, name))
             for (name, (low, high)), (label, step) in zip(limits.items(), _SLIDERS.items(), strict=True)
         }
-        self._says = gui.add_html("")
         self._own_mesh = gui.add_folder("own mesh (STL, OBJ)", expand_by_default=False)
         with self._own_mesh:
             self._unit = gui.add_dropdown("unit", (FIT, *MM_PER_UNIT), initial_value="mm")
@@ -115,7 +115,7 @@ class TwinPressPanel:
         if is_past:
             for slider in (self._number, *self._sliders.values()):
                 slider.visible = False
-            self._says.content = card_html("held_object", said=_NOT_PRESSED, refusal="", is_dim=True)
+            self._says.content = card_html("line", text=_NOT_PRESSED, margin="0.2em", size="0.9em", is_dim=True)
             self._followed = (-1, -1)
             return
         followed = self._viewer.options.sensor or 0, self._control.revision
@@ -125,7 +125,7 @@ class TwinPressPanel:
         if followed != self._followed:
             self._followed = followed if self._follow(state) else (-1, -1)
         shown = self._viewer.choose_shown(moment)[0]
-        self._says.content = _contact_html(shown, self._control)
+        self._says.content = _contact_html(shown)
         self._show_handle(state, shown)
 
     def _add_handle(self) -> None:
@@ -234,12 +234,12 @@ def _mode_of(state: HandPressState) -> str:
     return _SEQUENCE if state.is_playing else _BY_LOAD if state.by_load else _BY_DEPTH
 
 
-def _contact_html(moment: SensorMoment, control: TwinPressController) -> str:
-    """Return what presses, whether it slips, and why the object does not go where it is held, as HTML."""
+def _contact_html(moment: SensorMoment) -> str:
+    """Return what presses and how much of it slips, as HTML."""
     press = None if moment.view is None else moment.view.press
     if press is None:
         return ""
     words, slip = [f"{press.indenter.name}, {float(press.pose.depth_mm):.2f} mm deep"], press.slip_share
     if slip is not None:
         words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
-    return card_html("held_object", said=" · ".join(words), refusal=control.simulation.hand.refusal)
+    return card_html("line", text=" · ".join(words), margin="0.2em", size="0.9em")

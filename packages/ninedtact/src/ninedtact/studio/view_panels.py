@@ -105,7 +105,9 @@ class ScenePanel:
         )
         times = gui.add_slider("vertical exaggeration", 1.0, MAX_EXAGGERATION, 0.5, 1.0, hint="1 is true to scale")
         outline = gui.add_checkbox("contact outline", options.with_outline)
-        path = gui.add_checkbox("path of the object", options.with_path, hint="blue: seen; orange: true, on a twin")
+        path = gui.add_checkbox(
+            "path of the object", options.with_path, hint="blue: estimated; orange: true, on a twin"
+        )
         source = gui.add_dropdown(
             "pressure and shear",
             [str(each) for each in ShownTraction],

@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 from viser import GuiApi, GuiEvent, Icon, uplot
 
 from ninedtact.live.sensor_poller import HISTORY_S
-from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot
+from ninedtact.live.wrench_history import WrenchSourceSnapshot
 from ninedtact.shape.coloured_height_map import round_up_to_1_2_5
 from ninedtact.studio.page_cards import COLOURS, card_html, wrench_meaning_html, wrench_table_html
 from ninedtact.studio.page_controller import PageMoment, SensorMoment
@@ -80,6 +80,7 @@ class LastSecondsPlot:
             tuple(series),
             bands=tuple(bands),
             scales={"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale()},
+            axes=(uplot.Axis(size=28), uplot.Axis()),
             legend=uplot.Legend(show=False),
             title=title or None,
             height=height,
@@ -121,10 +122,9 @@ class WrenchAndCurvesPanel:
         self._sources = self._viewer.controller.sensors[0].wrenches
         parts = (("force (N)", "F", 0, 1.0, LEAST_N), ("torque (N·mm)", "T", 3, 1e3, LEAST_NMM))
         self._plots = [
-            (LastSecondsPlot(gui, self._curves(letter), 130, f"{title}: x orange, y green, z blue"), first, unit, least)
+            (LastSecondsPlot(gui, self._curves(letter), 112, f"{title}: x orange, y green, z blue"), first, unit, least)
             for title, letter, first, unit, least in parts
         ]
-        gui.add_html(card_html("line", text=_describe_lines(self._sources), size="0.75em", is_dim=True))
         self._meaning = gui.add_html("")
 
     def _curves(self, letter: str) -> list[PlottedCurve]:
@@ -140,7 +140,7 @@ class WrenchAndCurvesPanel:
     def update(self, moment: PageMoment) -> None:
         """Show the wrenches of this moment; redraw the curves from time to time, and not while they are frozen."""
         sensor = moment.sensors[0]  # a recording may have several, or no wrenches
-        self._meaning.content = wrench_meaning_html(sensor.wrenches) if sensor.wrenches else ""
+        self._meaning.content = wrench_meaning_html(sensor.wrenches, has_curves=True) if sensor.wrenches else ""
         if not self._viewer.is_tall:
             self._table.content = wrench_table_html(sensor.wrenches, sensor.status.is_past) if sensor.wrenches else ""
         if not self._viewer.redraws_curves or not sensor.wrenches:
@@ -154,12 +154,6 @@ class WrenchAndCurvesPanel:
                 ],
                 least,
             )
-
-
-def _describe_lines(sources: Sequence[WrenchHistory]) -> str:
-    solid = "solid, with a band of one standard deviation"
-    dashed = "dashed" if len(sources) > 1 else "solid"
-    return "; ".join(f"{source.name}: {solid if source.states_errors else dashed}" for source in sources)
 
 
 class SensorGroupCurvesPanel:

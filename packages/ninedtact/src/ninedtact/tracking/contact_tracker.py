@@ -7,19 +7,20 @@ is convex, as of balls, and from the edges of others (`ImprintShift`).
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.quantities import Wrench
+from ninedtact.quantities import Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.shape.contacts import ContactPatch
+from ninedtact.tracking.carried_shear import CarriedSkin
 from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
 from ninedtact.tracking.sliding_springs import SlipSample
-from ninedtact.tracking.slip import INCIPIENT_SHARE, SlipEstimate, SlipEstimator, SlipState
-from ninedtact.tracking.turning_slip import TurningSlip, probability_below
+from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
 
 _SEEN_STD_MM = 0.06
 """Standard deviation of a position up to which the object's shape shows its motion along the skin."""
@@ -29,6 +30,8 @@ _UNLIKELY_MM = 0.6
 """Difference between the steps by edges and by centres from which edges are mistaken."""
 CONTACT_CENTRE_STD_MM = 0.012
 """Error of the motion of a contact's centre between images, found on simulated sensors."""
+_EVEN_PITCH_MM = 0.6
+"""Pitch of the cells over which a load is spread where no traction was recorded."""
 _LEAST_FRICTION = 0.1
 """Friction coefficient that dry objects on silicone exceed."""
 _LOAD_STD_N, _RELATIVE_LOAD_STD = 0.004, 0.004
@@ -44,6 +47,9 @@ class TrackedContacts:
     """The contacts, each with the number by which it is followed; the largest first."""
     motion: ObjectMotion
     """Motion of the object since it touched first, if all contacts belong to one object."""
+    force: WrenchEstimate | None
+    """The wrench of the reading about the skin's centre, where the turn of the object is seen with the torque about z that this
+    tells; None without a force estimator."""
     displacement_mm: Float[Array, "2"]
     """How far the object has moved along the skin since the stream began, by its shape or by its contacts' centres."""
     slip: SlipEstimate
@@ -63,7 +69,7 @@ class ContactTracker:
 
     objects: ObjectTracker = field(default_factory=ObjectTracker)
     slip: SlipEstimator = field(default_factory=lambda: SlipEstimator(least_friction=_LEAST_FRICTION))
-    turning: TurningSlip = field(default_factory=TurningSlip)
+    carried: CarriedSkin = field(default_factory=CarriedSkin)
     _followed: ContactFollower = field(default_factory=ContactFollower, init=False, repr=False)
     _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
     """Estimators of single contacts, by their numbers, where there are several."""
@@ -83,16 +89,15 @@ class ContactTracker:
         motion = self.objects.update(reading)
         imprint_step_mm = self._imprint_step_mm(reading, contacts)
         self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
+        force = None if reading.force is None else reading.force.about_skin_centre()
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
         if not reading.is_touching and not reading.image_warnings:
             slip, self._slips = self.slip.release(), {}
-            self.turning.release()
-        elif contacts and reading.wrench is not None:
-            slip = self._turn(
-                _slip_at(self.slip, reading, self._moved_mm, reading.wrench), contacts, motion, reading.wrench
-            )
+            self.carried.release()
+        elif contacts and reading.force is not None:
+            slip, force = self._slip_and_force(reading, motion, reading.force)
             slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
-        self._last = TrackedContacts(reading, contacts, motion, self._moved_mm, slip, slips)
+        self._last = TrackedContacts(reading, contacts, motion, force, self._moved_mm, slip, slips)
         return self._last
 
     def _imprint_step_mm(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> Float[Array, "2"]:
@@ -124,22 +129,27 @@ class ContactTracker:
         agrees = float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
         return imprint_step_mm if has_edges and agrees else step_mm
 
-    def _turn(
-        self, slip: SlipEstimate, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, wrench: Wrench
-    ) -> SlipEstimate:
-        """Return the slip with that of a turn about the normal, which is the slip of all contacts together."""
-        if not motion.is_known or self._last is None or motion.path != self._last.motion.path:
-            self.turning.release()
-        if not motion.is_known or slip.state != SlipState.STATIC:
-            return slip
-        area_mm2, normal_n = sum(contact.area_mm2 for contact in contacts), -float(wrench.force_n[2])
-        yaw_rad, std_rad = motion.motion.yaw_rad, float(motion.std[5])
-        share = self.turning.update(yaw_rad, std_rad, area_mm2, normal_n, slip.friction)
-        if not share < slip.sticking_share:
-            return slip
-        p_incipient = max(probability_below(share, INCIPIENT_SHARE, bool(np.isfinite(slip.friction))), slip.p_incipient)
-        state = SlipState.INCIPIENT if p_incipient > 0.5 else slip.state
-        return replace(slip, state=state, p_incipient=p_incipient, sticking_share=share)
+    def _slip_and_force(
+        self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate
+    ) -> tuple[SlipEstimate, WrenchEstimate]:
+        """Return the slip of all contacts together, and the wrench about the skin's centre, by the turn of the object where it
+        turns more than it is dragged."""
+        friction = self._last.slip.friction if self._last is not None else float("nan")
+        carried = self.carried.update(motion, _traction(reading), friction)
+        if carried is None:
+            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), force.about_skin_centre()
+        corrected = carried.correct(force)
+        if not carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
+            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), corrected
+        turned = replace(
+            self.slip.release(),
+            state=SlipState.INCIPIENT if carried.p_incipient > 0.5 else SlipState.STATIC,
+            p_incipient=carried.p_incipient,
+            p_gross=0.0,  # the middle of a contact that turns about itself sticks
+            sticking_share=carried.sticking_share,
+            speed=0.0,
+        )
+        return turned, corrected
 
     def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""
@@ -157,6 +167,20 @@ class ContactTracker:
 def _shows_motion(motion: ObjectMotion) -> bool:
     """Return whether the object's shape shows its motion along the skin."""
     return motion.is_known and bool(motion.std[:2].max() < _SEEN_STD_MM)
+
+
+def _traction(reading: Reading) -> Traction:
+    """Return the traction of a reading; where only the wrench was recorded, its load spread evenly over what touches."""
+    force = reading.force
+    assert force is not None
+    if force.traction is not None:
+        return force.traction
+    height = reading.height
+    rows, cols = (max(round(side * height.mm_per_px / _EVEN_PITCH_MM), 1) for side in reading.contact.shape)
+    touched = cv2.resize(reading.contact.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
+    pitch_mm = height.mm_per_px * reading.contact.shape[1] / cols
+    load_mpa = max(-float(force.wrench.force_n[2]), 0.0) / max(float(touched.sum()) * pitch_mm**2, 1e-12)
+    return Traction(np.float32(load_mpa) * touched, np.zeros((2, rows, cols), np.float32), pitch_mm)
 
 
 def _slip_at(

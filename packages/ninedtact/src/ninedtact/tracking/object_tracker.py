@@ -28,6 +28,8 @@ _MIN_OVERLAP, _KEY_FRAME_OVERLAP = 0.35, 0.6
 _KEY_FRAME_TURN_RAD = radians(25)
 _MAX_RMS_MM = 0.08
 """Root mean square distance of surfaces above which they are not the same object's."""
+_MAX_SHARE_IN_GEL = 0.3
+"""Share of an object that would have been inside the gel before from which it is another one, as no object can be there."""
 _MAX_KEY_FRAMES = 40
 _SEEN_TURN_RAD = 0.3
 """Standard deviation of a turn up to which it is seen."""
@@ -237,4 +239,6 @@ def _reason_to_reject(found: RegistrationResult | None) -> str:
         return "too little of the surface touches that touched before"
     if found.rms_mm > _MAX_RMS_MM:
         return "the surface has another shape than before"
+    if found.share_in_gel > _MAX_SHARE_IN_GEL:
+        return "another object touches: this one would have been inside the gel before"
     return ""

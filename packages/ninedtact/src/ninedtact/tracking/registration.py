@@ -46,6 +46,8 @@ _CORRELATED_MM2 = 1.5
 """Area over which errors of heights are alike: they come from the model of light and gel, not from the camera's noise."""
 _DRAGGED_MM = 0.03
 """Standard deviation of smooth changes of height."""
+_IN_GEL_MM = 0.2
+"""Depth below the skin that dragged skin does not explain."""
 _SLOPE_ERROR_MM = 0.35
 """Distance over which errors of heights change: their slopes are wrong by the error of the heights over this."""
 _SYSTEMATIC_STD = np.array([0.006, 0.006, 0.006, 0.002, 0.002, 0.001])
@@ -114,6 +116,8 @@ class RegistrationResult:
     """Share of the earlier surface that touches in the later reading too."""
     rms_mm: float
     """Root mean square distance of the surfaces."""
+    share_in_gel: float
+    """Share of the later surface that the object would have had inside the gel in the earlier reading."""
 
     @property
     def std(self) -> Float[Array, "6"]:
@@ -141,7 +145,7 @@ class Registration:
             dragged_mm = earlier.smooth_fields @ linear.fit.coefficients_after(step)
             motion = motion.perturbed(motion(earlier.centre_mm), step / linear.scale)
             if self.ends(iteration, step) or iteration + 1 == _MAX_ITERATIONS:
-                return _result(earlier, motion, linear)
+                return _result(earlier, later, motion, linear)
             iteration += 1
         return None
 
@@ -200,12 +204,22 @@ class _Linearisation:
         return np.asarray(np.linalg.inv(known + np.diag(prior**-2)) / np.outer(self.scale, self.scale))
 
 
-def _result(earlier: TouchedSurface, motion: RigidMotion, linear: _Linearisation) -> RegistrationResult:
+def _result(
+    earlier: TouchedSurface, later: TouchedSurface, motion: RigidMotion, linear: _Linearisation
+) -> RegistrationResult:
     """Return the result of a search that ended at a motion, one step after the last linearisation."""
     centre_mm = motion(earlier.centre_mm)
     systematic = np.diag(_systematic_variance(motion, centre_mm - earlier.centre_mm))
     covariance = linear.covariance(_variance_of_point(max(linear.rms_mm, LEAST_DISTANCE_MM), earlier)) + systematic
-    return RegistrationResult(motion, covariance, centre_mm, linear.overlap, linear.rms_mm)
+    share_in_gel = _share_in_gel(earlier, motion.inverse(later.points_mm[~later.is_beside]))
+    return RegistrationResult(motion, covariance, centre_mm, linear.overlap, linear.rms_mm, share_in_gel)
+
+
+def _share_in_gel(surface: TouchedSurface, points_mm: Float[Array, "n 3"]) -> float:
+    """Return the share of points in view that are below the skin by more than skin changes its height while it is dragged."""
+    half_mm = np.array(surface.z_mm.shape[::-1]) * surface.mm_per_px / 2
+    seen = points_mm[(np.abs(points_mm[:, :2]) < half_mm).all(axis=1)]
+    return float((surface.sample(seen)[0] - seen[:, 2] > _IN_GEL_MM).mean()) if len(seen) else 0.0
 
 
 def _variance_of_point(error_mm: float, surface: TouchedSurface) -> float:

@@ -5,6 +5,7 @@ The object is taken not to tilt. Two measures of each step from image to image a
 but which moves when more of the object touches.
 """
 
+from collections import deque
 from dataclasses import dataclass, field
 
 import cv2
@@ -22,8 +23,10 @@ _DENT = 0.3
 _DENT_CENTRE_STD_MM = 0.12
 """Error of a step of the middle of the dent, on simulated sensors."""
 _LEAST_LIKENESS = 0.7
-"""Likeness of dents in successive images below which they are not of one object: on simulated sensors, 99 % of those of one object
-are above, and four fifths of those of two objects below."""
+"""Likeness of dents in successive images, over what is usual, below which they are not of one object: on simulated sensors, 99 % of
+those of one object are above, and four fifths of those of two objects below."""
+_REMEMBERED_IMAGES = 15
+"""Images of which the usual likeness is the median: noise makes all of them unlike, another object one."""
 _LEAST_JUMP_MM, _FASTEST_MM_PER_S = 2.0, 60.0
 """Change of a step of the dent, and of its speed, from which it is a jump: a hand, or a cut of the sequence, changed the object."""
 _LEAST_STD_MM = 0.01
@@ -88,6 +91,7 @@ class UprightTracker:
     """The dent in the image before; None where nothing touched."""
     _step_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
     """The last step of its middle."""
+    _likenesses: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED_IMAGES), init=False, repr=False)
     _stamp_ns: int = field(default=0, init=False, repr=False)
     _motion: ObjectMotion | None = field(default=None, init=False, repr=False)
 
@@ -127,7 +131,9 @@ class UprightTracker:
 
     def _reason_to_begin_anew(self, last: _Dent, dent: _Dent, after_s: float) -> str:
         """Return why two successive dents are not of one object; empty where they may be."""
-        if dent.likeness_to(last) < _LEAST_LIKENESS:
+        likeness, usual = dent.likeness_to(last), float(np.median(self._likenesses or [1.0]))
+        self._likenesses.append(likeness)
+        if likeness < _LEAST_LIKENESS * usual:
             return "the contact is unlike that of the image before"
         change_mm = float(np.linalg.norm(dent.centre_mm - last.centre_mm - self._step_mm))
         return "the contact jumps" if change_mm > max(_LEAST_JUMP_MM, _FASTEST_MM_PER_S * after_s) else ""

@@ -27,9 +27,9 @@ from scipy.optimize import isotonic_regression, minimize, minimize_scalar
 from ninedtact.calibration.ball.ball_press import BallFit, BallPress, find_ball_press
 from ninedtact.calibration.ball.contact_circle import (
     require_explained_by_ball,
-    require_explained_by_second_ball,
     spherical_cap_height_mm,
 )
+from ninedtact.calibration.ball.second_press import SecondPress
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.gel_base import KnownBase
@@ -61,7 +61,7 @@ def fit_ball(
     design: SensorDesign,
     method: DepthMethod = "physics",
     smoothing: Smoothing = Smoothing(),
-    further: tuple[BallPress, ...] = (),
+    further: tuple[SecondPress, ...] = (),
 ) -> BallFit:
     """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `CalibrationError`, `FileFormatError`.
 
@@ -81,7 +81,7 @@ def fit_ball_by_physics(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: tuple[BallPressParameters, ...] = (),
-    further: tuple[BallPress, ...] = (),
+    further: tuple[SecondPress, ...] = (),
     base: KnownBase | None = None,
 ) -> "TwinBallFit":
     """Fit contact mechanics and light to a press, with priors, initial parameters, further presses and base as for
@@ -92,7 +92,7 @@ def fit_ball_by_physics(
     twin_fit = fit_twin_to_ball_press(press, design, priors, initial, further, base)
     require_explained_by_ball(twin_fit.image_rmse_grey_levels, press.circle)
     for one, fit in zip(further, twin_fit.further, strict=True):
-        require_explained_by_second_ball(fit.residual_rms_grey_levels, one.circle, one.ball)
+        one.object.require_explained(fit.residual_rms_grey_levels, one.circle)
     return TwinBallFit(press.about(twin_fit.centre_px), FINE_SMOOTHING, twin_fit)
 
 

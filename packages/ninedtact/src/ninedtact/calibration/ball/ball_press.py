@@ -16,7 +16,6 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.contact_circle import (
     MAX_RADIUS_BY_PHYSICS,
-    BallPressUnusable,
     ContactCircle,
     find_contact_circle,
     require_disc_above_black,
@@ -27,8 +26,7 @@ from ninedtact.calibration.brightness_change import (
     require_same_image_size,
     require_usable_exposure,
 )
-from ninedtact.design import BallGauge, SensorDesign
-from ninedtact.errors import InputError
+from ninedtact.design import BallGauge
 from ninedtact.mechanics.base_deflection import BaseDeflection
 from ninedtact.quantities import BgrImage, Frame, HeightSource, Rectified, skin_grid_mm
 from ninedtact.shape.calibrated_shape import DepthReader
@@ -38,17 +36,12 @@ from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 
 
 @dataclass(frozen=True)
-class BallPress:
-    """The reference image, the image of the press, the contact circle found in them, and the ball."""
+class RoundPress:
+    """The reference image, the image of the press of a round object, and the contact circle found in them."""
 
     before: Rectified
     after: Rectified
     circle: ContactCircle
-    ball: BallGauge
-
-    def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
-        """Return the same press with the centre of the contact at another pixel."""
-        return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
 
     @property
     def centre_mm(self) -> tuple[float, float]:
@@ -61,6 +54,17 @@ class BallPress:
     def edge_radius_mm(self) -> float:
         """Radius of the contact circle."""
         return self.circle.radius_px * self.before.mm_per_px
+
+
+@dataclass(frozen=True)
+class BallPress(RoundPress):
+    """The press of the calibration's ball."""
+
+    ball: BallGauge
+
+    def about(self, centre_px: Float[Array, "2"]) -> "BallPress":
+        """Return the same press with the centre of the contact at another pixel."""
+        return replace(self, circle=replace(self.circle, centre_px=(float(centre_px[0]), float(centre_px[1]))))
 
     def darkening(
         self, signal: BrightnessSignal, where: Bool[Array, "rows cols"], loss: float = 0.0
@@ -108,35 +112,21 @@ def find_ball_press(
 
     Raises `BallPressUnusable`, `CalibrationError` and `FileFormatError`.
     """
-    require_same_image_size("ball image", reference, press)
-    require_usable_exposure("ball reference", reference)
-    require_usable_exposure("ball image", press)
-    before, after = rectify(Frame(reference)), rectify(Frame(press))
+    before, after = rectify_pair(rectify, reference, press, "ball")
     return BallPress(before, after, find_usable_contact_circle(before, after, ball, method), ball)
 
 
-def find_second_press(
-    rectify: Rectification, pair: tuple[BgrImage, BgrImage] | None, design: SensorDesign, method: DepthMethod
-) -> tuple[BallPress, ...]:
-    """Return the press of the second ball, which is fitted together with the first; none where there are no images of it.
+def rectify_pair(
+    rectify: Rectification, reference: BgrImage, press: BgrImage, name: str
+) -> tuple[Rectified, Rectified]:
+    """Check and rectify two raw images of the skin, without contact and under an object of this name.
 
-    pair: the raw images of the skin before it and under it. Raises `BallPressUnusable`, whose message names the second ball, and
-    `InputError` for another method than `physics`.
+    Raises `CalibrationError` and `FileFormatError`.
     """
-    if pair is None:
-        return ()
-    if method != "physics":
-        raise InputError(
-            expected="the method physics for a second ball, which is fitted together with the first",
-            got=f"the method {method}",
-            remedy="leave out the second ball, or choose physics",
-        )
-    try:
-        return (find_ball_press(rectify, *pair, design.ball.second, method),)
-    except BallPressUnusable as refusal:
-        raise BallPressUnusable(
-            expected=f"of the second ball {refusal.expected}", got=refusal.got, remedy=refusal.remedy
-        ) from refusal
+    require_same_image_size(f"{name} image", reference, press)
+    require_usable_exposure(f"{name} reference", reference)
+    require_usable_exposure(f"{name} image", press)
+    return rectify(Frame(reference)), rectify(Frame(press))
 
 
 def find_usable_contact_circle(

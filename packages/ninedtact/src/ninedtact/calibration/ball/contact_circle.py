@@ -68,11 +68,14 @@ class ContactCircle:
         return np.hypot(cols - self.centre_px[0], rows - self.centre_px[1])
 
 
-def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
-    """Return the one round contact in a rectified relative change (grey levels); raises `BallPressUnusable` with the reason."""
+def find_contact_circle(change: Float32[Array, "rows cols"], highest_bulge: float = 1.0) -> ContactCircle:
+    """Return the one round contact in a rectified relative change (grey levels); raises `BallPressUnusable` with the reason.
+
+    highest_bulge: largest brightening beside the contact relative to the darkening in it; more is a pair of swapped images.
+    """
     smoothed = smooth_gaussian(change, _SMOOTHING_PX)
     smoothed = smoothed - np.median(smoothed)
-    _require_contact(smoothed, estimate_pixel_noise(change))
+    _require_contact(smoothed, estimate_pixel_noise(change), highest_bulge)
     spot = _darkest_region(smoothed)
     _require_single_contact(smoothed, spot)
     row, column = ndimage.center_of_mass(spot)
@@ -81,19 +84,19 @@ def find_contact_circle(change: Float32[Array, "rows cols"]) -> ContactCircle:
     return _fit_circle(smoothed, edge)
 
 
-def _require_contact(smoothed: Float32[Array, "rows cols"], noise: float) -> None:
+def _require_contact(smoothed: Float32[Array, "rows cols"], noise: float, highest_bulge: float) -> None:
     """Refuse an image without contact and a swapped pair."""
     drop, rise = -float(smoothed.min()), float(smoothed.max())
     needed = max(_MIN_DARKENING, 3 * noise)
     if max(drop, rise) < needed:
         raise BallPressUnusable(
-            expected=f"the ball's dark disc, at least {needed:.0f} grey levels darker than the reference",
+            expected=f"a dark disc, at least {needed:.0f} grey levels darker than the reference",
             got=f"no contact (largest change {max(drop, rise):.1f} levels)",
-            remedy="press the ball while the second image is taken",
+            remedy="press while the second image is taken",
         )
-    if rise > drop and not _is_glare(smoothed):
+    if rise > highest_bulge * drop and not _is_glare(smoothed):
         raise BallPressUnusable(
-            expected="a dark disc where the ball presses",
+            expected="a dark disc where the object presses",
             got=f"a bright one (+{rise:.0f} against −{drop:.0f} grey levels)",
             remedy="the images look swapped: give the image without contact as the reference",
         )
@@ -124,7 +127,7 @@ def _require_single_contact(smoothed: Float32[Array, "rows cols"], spot: Bool[Ar
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     rivals = int((sizes > 0.1 * sizes.max()).sum())
     if rivals > 1:
-        raise BallPressUnusable(expected="one contact", got=f"{rivals}", remedy="press with the ball alone")
+        raise BallPressUnusable(expected="one contact", got=f"{rivals}", remedy="press with one object alone")
 
 
 def _find_edge_points(smoothed: Float32[Array, "rows cols"], centre_px: tuple[float, float]) -> Float[Array, "n 2"]:
@@ -146,8 +149,8 @@ def _require_whole_disc(reached: Bool[Array, " rays"]) -> None:
         raise BallPressUnusable(
             expected="the disc's edge all around",
             got=f"it on {reached.mean():.0%} of the circle",
-            remedy="the rest is outside the view or has no bright rim: press nearer to the middle, and with the "
-            "ball alone",
+            remedy="the rest is outside the view or has no bright rim: press nearer to the middle, with one object "
+            "alone",
         )
 
 
@@ -205,8 +208,6 @@ MIN_PRESS_DEPTH_MM = 0.4
 """Smallest depth of a press; a shallower one covers too little of the range to calibrate it."""
 _MAX_RESIDUAL = 0.06
 """Fraction of the darkening that may stay unexplained (a straight real press 0.008, a sheared one 0.04, a roller 0.07)."""
-_MAX_SECOND_RESIDUAL = 0.04
-"""The same for a second ball, whose gel and light are known."""
 _MAX_REFERENCE_DIFFERENCE = 3.0
 """Change in grey levels between two reference images above which a warning is given."""
 
@@ -250,18 +251,6 @@ def require_explained_by_ball(rmse_grey: float, circle: ContactCircle) -> None:
             expected=f"a press that a ball explains to {_MAX_RESIDUAL:.0%} of its darkening",
             got=f"{rmse_grey:.1f} of {circle.darkening_grey_levels:.0f} grey levels unexplained",
             remedy="press a clean ball of the stated radius straight down, or choose another method",
-        )
-
-
-def require_explained_by_second_ball(rmse_grey: float, circle: ContactCircle, ball: BallGauge) -> None:
-    """Refuse a second press that gel and light of the first do not explain, as with another radius than the stated one."""
-    if rmse_grey > _MAX_SECOND_RESIDUAL * circle.darkening_grey_levels:
-        raise BallPressUnusable(
-            expected=f"a second press that a ball of radius {ball.radius_mm:g} mm explains to {_MAX_SECOND_RESIDUAL:.0%} of its "
-            "darkening, on the gel of the first",
-            got=f"{rmse_grey:.1f} of {circle.darkening_grey_levels:.0f} grey levels unexplained",
-            remedy="measure the second ball with a calliper and correct its radius, press it straight down on the same sensor, or "
-            "leave it out",
         )
 
 

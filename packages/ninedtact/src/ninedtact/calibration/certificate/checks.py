@@ -1,16 +1,17 @@
 """The checks of a calibration certificate: each figure with its level (pass, warn or fail), what was expected, and advice. In: a
 `Certificate`. Out: one `CheckResult` per figure, the overall level and a headline.
 
-`BOARD_CHECKS`, `BALL_CHECKS`, `SECOND_BALL_CHECKS` and `LENGTH_CHECKS` are all checks: a new one is one more entry there. The
-limits follow from what a user of the sensor needs, not from what sensors usually reach; the comment above each check states the
-reason. Every check says what a figure beyond its limit affects: shape, force or the twin.
+`BOARD_CHECKS`, `BALL_CHECKS`, `SECOND_BALL_CHECKS`, `FLAT_END_CHECKS` and `LENGTH_CHECKS` are all checks: a new one is one more
+entry there. The limits follow from what a user of the sensor needs, not from what sensors usually reach; the comment above each
+check states the reason. Every check says what a figure beyond its limit affects: shape, force or the twin.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Generic, Literal, TypeVar
 
+from ninedtact.calibration.certificate.length_evidence import relative_radius_std
 from ninedtact.calibration.sensor_toml_schema import (
     MAX_ASYMMETRY,
     MAX_MISSING_FRACTION,
@@ -18,9 +19,9 @@ from ninedtact.calibration.sensor_toml_schema import (
     BoardQuality,
     Certificate,
     LengthPlausibility,
-    SecondBallQuality,
+    SecondPressQuality,
 )
-from ninedtact.design import Gel
+from ninedtact.design import Gel, SecondKind
 
 Use = Literal["shape", "force", "twin"]
 """What a calibration is used for."""
@@ -67,7 +68,7 @@ class CheckLimit:
         return "warn" if sign * value <= sign * self.usable else "fail"
 
 
-Quality = TypeVar("Quality", BoardQuality, BallQuality, SecondBallQuality, LengthPlausibility)
+Quality = TypeVar("Quality", BoardQuality, BallQuality, SecondPressQuality, LengthPlausibility)
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,14 @@ def relative_contact_radius(ball: BallQuality) -> float:
     above_mm = max(ball.ball_radius_mm - ball.max_indentation_mm, 0.0)
     section_mm = sqrt(max(ball.ball_radius_mm**2 - above_mm**2, 0.0))
     return ball.contact_radius_mm / section_mm if section_mm > 0 else inf
+
+
+def relative_depth_per_radius(ball: BallQuality) -> float:
+    """Return the relative decrease of the depth per relative increase of the stated radius: that of the ball's cap over a circle
+    of one size, since the image shows the circle.
+    """
+    above_mm = ball.ball_radius_mm - ball.max_indentation_mm
+    return ball.ball_radius_mm / above_mm if above_mm > 0 else inf
 
 
 _OF_LENS: tuple[Use, ...] = ("shape", "twin")
@@ -187,7 +196,8 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         "at most {:g} times",
         lambda ball: (
             f"Contact: {ball.contact_radius_mm:.2f} mm in radius at {ball.max_indentation_mm:.2f} mm depth, "
-            f"{relative_contact_radius(ball):.2f} times the section of the ball there"
+            f"{relative_contact_radius(ball):.2f} times the section of the ball there; were the ball 1 % larger than stated, this "
+            f"depth would be {relative_depth_per_radius(ball):.1f} % too large"
         ),
         "check that the ball's radius is the stated one, and that nothing presses beside it",
         cause=lambda ball: WRONG_RADIUS,
@@ -227,18 +237,30 @@ BALL_CHECKS: tuple[CertificateCheck[BallQuality], ...] = (
         lambda ball: "noisy camera",
     ),
 )
-SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondBallQuality], ...] = (
+SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondPressQuality], ...] = (
     # In standard deviations: beyond two, one of twenty right radii is suspected. An unknown base hides a part of a wrong radius.
     CertificateCheck(
-        lambda second: abs(second.likely_radius_mm - second.ball_radius_mm) / second.likely_radius_std_mm,
+        lambda second: second.stated_deviation,
         CheckLimit(2.0, inf),
         "within {:g} ±",
         lambda second: (
-            f"Second ball: beside the first one, its images are those of a radius of {second.likely_radius_mm:.2f} ± "
-            f"{second.likely_radius_std_mm:.2f} mm, stated are {second.ball_radius_mm:g} mm"
+            f"Second ball: beside the first one, its images are those of a radius of {second.likely_mm:.2f} ± "
+            f"{second.likely_std_mm:.2f} mm, stated are {second.stated_mm:g} mm"
         ),
         "measure both balls with a calliper",
         cause=lambda second: WRONG_RADIUS,
+    ),
+)
+FLAT_END_CHECKS: tuple[CertificateCheck[SecondPressQuality], ...] = (
+    CertificateCheck(
+        lambda second: second.stated_deviation,
+        CheckLimit(2.0, inf),
+        "within {:g} ±",
+        lambda second: (
+            f"Flat end: beside the ball, its image is that of a depth of {second.likely_mm:.2f} ± {second.likely_std_mm:.2f} mm, "
+            f"stated are {second.stated_mm:g} ± {second.stated_std_mm:g} mm"
+        ),
+        "measure the stop, the rod and the ball with a calliper, and let the rod just touch where the stop is set",
     ),
 )
 LENGTH_CHECKS: tuple[CertificateCheck[LengthPlausibility], ...] = (
@@ -251,7 +273,8 @@ LENGTH_CHECKS: tuple[CertificateCheck[LengthPlausibility], ...] = (
         lambda lengths: (
             f"Lengths: compared with sensors of this design, {lengths.pitch_mm:g} mm between the pins of the board is wrong with a "
             f"probability of {lengths.pitch_wrong_probability:.0%} and the ball's radius of {lengths.ball_radius_mm:g} mm with "
-            f"{lengths.ball_radius_wrong_probability:.0%}{_likely_lengths_in_words(lengths)}"
+            f"{lengths.ball_radius_wrong_probability:.0%}, though they tell a radius to ± {relative_radius_std():.0%} only"
+            f"{_likely_lengths_in_words(lengths)}"
         ),
         "measure pins and ball with a calliper (a wrong length makes all depths and forces wrong), give the right lengths",
         cause=lambda lengths: (
@@ -267,6 +290,7 @@ def compute_certificate_checks(certificate: Certificate) -> list[CheckResult]:
         *_check_results(BOARD_CHECKS, certificate.board),
         *_check_results(BALL_CHECKS, certificate.ball),
         *_check_results(SECOND_BALL_CHECKS, certificate.second_ball),
+        *_check_results(FLAT_END_CHECKS, certificate.flat_end),
         *_check_results(LENGTH_CHECKS, certificate.lengths),
     ]
 
@@ -286,14 +310,14 @@ def press_through_gel_warnings(depth_mm: float, gel: Gel) -> list[str]:
     ]
 
 
-def little_gain_warnings(second: SecondBallQuality | None) -> list[str]:
-    """Return a warning where the second press tells hardly more than the first."""
-    if second is None or second.first_std_mm <= _LITTLE_GAIN * second.first_std_alone_mm:
-        return []
+def little_gain_warnings(second: Mapping[SecondKind, SecondPressQuality]) -> list[str]:
+    """Return a warning for each second press that tells hardly more than the first."""
     return [
-        f"the second ball (radius {second.ball_radius_mm:g} mm, pressed {second.max_indentation_mm:.2f} mm deep) adds little: "
-        f"the depth of the first is known to {second.first_std_mm:.2g} mm with it and to {second.first_std_alone_mm:.2g} mm "
-        "without; press a ball of another radius (ninedtact calibrate --plan says which)"
+        f"the {kind.replace('_', ' ')} (radius {one.radius_mm:g} mm, pressed {one.max_indentation_mm:.2f} mm deep) adds little: "
+        f"the depth of the first is known to {one.first_std_mm:.2g} mm with it and to {one.first_std_alone_mm:.2g} mm "
+        "without; ninedtact calibrate --plan says which press adds most"
+        for kind, one in second.items()
+        if one.first_std_mm > _LITTLE_GAIN * one.first_std_alone_mm
     ]
 
 

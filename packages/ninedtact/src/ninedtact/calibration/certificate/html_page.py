@@ -29,11 +29,11 @@ from ninedtact.calibration.sensor_toml_schema import (
     BoardPressFitTable,
     BoardQuality,
     KnownLoadTable,
-    SecondBallQuality,
+    SecondPressQuality,
     SensorTomlRecord,
     TwinTable,
 )
-from ninedtact.design import SensorDesign
+from ninedtact.design import SecondKind, SensorDesign
 from ninedtact.force.estimator_and_scale import UNCALIBRATED
 
 BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
@@ -72,7 +72,7 @@ def render_certificate_html(calibration: Calibration) -> str:
         board_rows=[*_board_table_rows(record.certificate.board), *_view_table_rows(record)],
         ball_rows=[
             *_ball_table_rows(record.certificate.ball),
-            *_second_ball_table_rows(record.certificate.second_ball),
+            *(row for each in record.certificate.second_presses.items() for row in _second_press_table_rows(*each)),
         ],
         twin_rows=_twin_table_rows(record.twin) if record.twin else [],
         design_rows=_design_table_rows(record.design),
@@ -215,17 +215,24 @@ PARAMETER_MEANINGS = {
 """What every fitted parameter of the twin is, in one sentence."""
 
 
-def _second_ball_table_rows(second: SecondBallQuality | None) -> Rows:
-    """Return the figures of the second ball, and what it adds to the first."""
-    if second is None:
-        return []
+def _second_press_table_rows(kind: SecondKind, second: SecondPressQuality) -> Rows:
+    """Return the figures of a second press, and what it adds to the first."""
+    name, is_ball = kind.replace("_", " "), kind == "second_ball"
+    stated_rows = [] if is_ball else [(f"{name}, stated depth", f"{second.stated_mm:g} ± {second.stated_std_mm:g} mm")]
     return [
-        ("second ball, radius", f"{second.ball_radius_mm:g} mm"),
-        ("the same by the images", f"{second.likely_radius_mm:.2f} ± {second.likely_radius_std_mm:.2f} mm"),
-        ("second ball, depth", f"{second.max_indentation_mm:.3f} ± {second.max_indentation_std_mm:.3f} mm"),
-        ("second ball, residual (RMS)", f"{second.residual_rms_grey_levels:.2f} grey levels"),
-        ("depth of the first ball, with the second", f"± {second.first_std_mm:.3f} mm"),
-        ("the same without the second", f"{second.first_alone_mm:.3f} ± {second.first_std_alone_mm:.3f} mm"),
+        (f"{name}, radius", f"{second.radius_mm:g} mm"),
+        *stated_rows,
+        ("the same by the images", f"{second.likely_mm:.2f} ± {second.likely_std_mm:.2f} mm"),
+        (f"{name}, depth", f"{second.max_indentation_mm:.3f} ± {second.max_indentation_std_mm:.3f} mm"),
+        (f"{name}, residual (RMS)", f"{second.residual_rms_grey_levels:.2f} grey levels"),
+        (
+            "depth of the first ball by its own image",
+            f"{second.first_alone_mm:.3f} ± {second.first_std_alone_mm:.3f} mm",
+        ),
+        (
+            f"the same with the {name}",
+            f"{second.first_mm:.3f} ± {second.first_std_mm:.3f} mm, {second.first_deviation:.1f} of the ± above away",
+        ),
     ]
 
 

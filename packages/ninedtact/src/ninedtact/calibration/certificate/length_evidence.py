@@ -112,6 +112,16 @@ _SENSITIVITIES = {
 with wrong lengths. The larger the radius, the shallower is the press that a contact circle means, and the more light a mm."""
 
 
+def relative_radius_std() -> float:
+    """Return how well light and gel of other sensors tell the radius of the ball where the pitch is right: the standard deviation
+    of its logarithm, without heavy tails. No image tells it better: radius, depths and slopes of the light go together.
+    """
+    spreads = {name: FITTED_PARAMETERS[name].spread for name in _SENSITIVITIES}
+    return float(
+        np.sum([(per_radius / spreads[name]) ** 2 for name, (_, per_radius) in _SENSITIVITIES.items()]) ** -0.5
+    )
+
+
 def ball_clues(light: BrightnessModel, gel: Gel, design: SensorDesign) -> list[LengthClue]:
     """Return the clues of light and gel, which are fitted to the ball."""
     published = transfer_brightness_model(light, PUBLISHED_DESIGN, measured_on=design)

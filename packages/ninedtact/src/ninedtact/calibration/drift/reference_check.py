@@ -35,8 +35,9 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.sensor_toml_schema import ProbableCause
 from ninedtact.capture.strict_image_reading import average_images, read_image
 from ninedtact.errors import InputError
-from ninedtact.quantities import BgrImage, Frame, Rectified
-from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, ImageImplausible
+from ninedtact.quantities import Frame, Rectified
+from ninedtact.reading import Reading
+from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, ImageImplausible, require_plausible_image
 from ninedtact.shape.sharpness import lacks_detail_of
 
 DriftDiagnosis = Literal[
@@ -224,12 +225,17 @@ class ReferenceImageChecker:
         for fault in self.find_faults(frames):
             raise reference_image_error("the reference images", self.sensor, fault)
 
-    def require_in_focus(self, name: str, image: BgrImage, references: Sequence[Frame]) -> None:
-        """Raise `ImageImplausible` for a raw image that lacks the detail of the calibrated skin, which its references show."""
+    def require_press(self, name: str, reading: Reading, references: Sequence[Frame]) -> None:
+        """Raise `ImageImplausible` for a single image that cannot be a press on this sensor, or is less sharp than its references.
+
+        name: of the image, for the message. references: the raw images without contact that it was read against, if any.
+        """
+        require_plausible_image(name, reading.rectified, reading.reference, reading.height, reading.light)
         if self.known is None or not references:
             return
         known = self.known.lens_image, self.known.depth_image
-        if lacks_detail_of(known, average_images([np.asarray(frame.image) for frame in references]), image):
+        before = average_images([np.asarray(frame.image) for frame in references])
+        if lacks_detail_of(known, before, np.asarray(reading.frame.image)):
             raise ImageImplausible(
                 f"{name}: expected an image as sharp as its reference image, got one that is out of focus or moved during its "
                 "exposure; switch the camera's autofocus off, hold the sensor still, and take it again"

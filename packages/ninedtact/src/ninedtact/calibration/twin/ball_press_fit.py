@@ -1,12 +1,13 @@
-"""The fit of the digital twin to presses of balls: the pose of every press, the thickness of the gel and its base, and the
-brightness model that explain the whole images, with their uncertainties. In: a `BallPress` of the design's ball, and any number of
-others, which may be of other balls, on the same gel. Out: `TwinFit`, from `fit_twin_to_ball_press`.
+"""The fit of the digital twin to presses: the pose of every press, the thickness of the gel and its base, and the brightness model
+that explain the whole images, with their uncertainties. In: a `BallPress` of the design's ball, and any number of `SecondPress`, of
+other balls or of flat ends at a known depth, on the same gel. Out: `TwinFit`, from `fit_twin_to_ball_press`.
 
 The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
 from the residual itself, and the design's gel thickness is added as one more observation. Where the residual is plain noise, that
 observation has no weight.
 """
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -15,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_press import BallPress
-from ninedtact.calibration.ball.contact_circle import spherical_cap_height_mm
+from ninedtact.calibration.ball.ball_press import BallPress, RoundPress
+from ninedtact.calibration.ball.second_press import PressedBall, SecondObject, SecondPress
 from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
     NEARLY_RIGID,
@@ -29,7 +30,6 @@ from ninedtact.calibration.twin.fit_parameters import (
     parameter_bounds,
     split_by_press,
 )
-from ninedtact.calibration.twin.further_ball_radius import ImpliedRadius, estimate_ball_radius_from_fit
 from ninedtact.calibration.twin.gel_base import (
     MODULUS_RATIO_MODEL_STD,
     KnownBase,
@@ -37,7 +37,13 @@ from ninedtact.calibration.twin.gel_base import (
     estimate_base,
     on_coarse_grid,
 )
-from ninedtact.calibration.twin.observed_presses import ObservedBallPress
+from ninedtact.calibration.twin.implied_length import (
+    ImpliedLength,
+    JointFit,
+    estimate_ball_radius_from_fit,
+    estimate_depth_from_fit,
+)
+from ninedtact.calibration.twin.observed_presses import ObservedRoundPress
 from ninedtact.calibration.twin.press_search import (
     BallPressProblem,
     JointPressProblem,
@@ -48,7 +54,7 @@ from ninedtact.calibration.twin.press_search import (
     leave_some_gel,
     residual_derivative,
 )
-from ninedtact.design import BallGauge, Gel, SensorDesign
+from ninedtact.design import Gel, SensorDesign
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.shape.depth import mean_view_darkening
 from ninedtact.simulation.calibration_press_models import (
@@ -72,25 +78,19 @@ TYPICAL_PARAMETERS = {
 }
 """Initial values of the parameters that the contact circle does not show; the thickness is that of a gel of the published
 design."""
-EDGE_RULE_BIAS_MM = 0.1
-"""Usual excess of the depth that the rule of the disc's edge gives."""
-WIDE_DISC_RADIUS = 0.95
-"""Radius of the disc for the initial guess, as a fraction of the ball's radius, where the disc is wider than the ball (as in thick
-gel) and does not determine the depth.
-"""
 DRAG_PER_ASYMMETRY_MM = 3.0
 """Usual drag of a press per asymmetry of its bulge; used for the initial guess only."""
 
 
 @dataclass(frozen=True)
-class FurtherPressFit:
-    """What the joint fit says of a further press."""
+class SecondPressFit:
+    """What the joint fit says of a second press."""
 
     press: BallPressParameters
-    ball: BallGauge
+    object: SecondObject
     residual_rms_grey_levels: float
-    implied_radius: ImpliedRadius
-    """The radius that all images imply."""
+    implied: ImpliedLength
+    """What all images imply of the length that is stated: the radius of a ball, the depth of a flat end."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class TwinFit:
     base: KnownBase
     """What is known of the base of the gel."""
     duration_s: float
-    further: tuple[FurtherPressFit, ...] = ()
+    further: tuple[SecondPressFit, ...] = ()
     """The other presses that were fitted together with this one."""
 
     @cached_property
@@ -190,7 +190,7 @@ def fit_twin_to_ball_press(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: tuple[BallPressParameters, ...] = (),
-    further: tuple[BallPress, ...] = (),
+    further: tuple[SecondPress, ...] = (),
     base: KnownBase | None = None,
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball, and to further presses on the same gel together with it.
@@ -199,16 +199,19 @@ def fit_twin_to_ball_press(
     base of the gel, where something else than these images tells it.
     """
     start_s = perf_counter()
+    objects = PressedBall(design.ball.radius_mm), *(one.object for one in further)
     presses = press, *further
     problem = JointPressProblem(
         tuple(
             BallPressProblem(
-                ObservedBallPress(one.before, one.after, one.centre_mm), BallPressModel(replace(design, ball=one.ball))
+                ObservedRoundPress(one.before, one.after, one.centre_mm, pressed.face_radius_mm),
+                BallPressModel(design, indenter=pressed.indenter),
             )
-            for one in presses
+            for one, pressed in zip(presses, objects, strict=True)
         )
     )
-    start = join_presses(list(initial)) if initial else _search_from_circles(problem, presses, design)
+    start = join_presses(list(initial)) if initial else _search_from_circles(problem, presses, objects)
+    priors = (*priors, *_known_depths(objects))
     start, residual = leave_some_gel(problem, start)
     observations = [
         effective_observation_count(one.observed.image(residual[rows]))
@@ -238,14 +241,17 @@ def fit_twin_to_ball_press(
     jacobian = np.vstack([jacobian[: problem.row_count], open_terms.jacobian(vector)])
     first, *others = split_by_press(vector)
     level, slopes, first_rows = coefficients[0], coefficients[len(presses) :], problem.rows[0]
+    joint = JointFit(problem, vector, jacobian, stacked, sum(observations))
     further_fits = (
-        FurtherPressFit(
+        SecondPressFit(
             one,
-            seen.ball,
+            pressed,
             float(np.sqrt(np.mean(residual[rows] ** 2))),
-            estimate_ball_radius_from_fit(problem, vector, jacobian, stacked, sum(observations), number),
+            estimate_ball_radius_from_fit(joint, number)
+            if pressed.known_depth is None
+            else estimate_depth_from_fit(joint, open_terms, number),
         )
-        for number, (one, seen, rows) in enumerate(zip(others, further, problem.rows[1:], strict=True), start=1)
+        for number, (one, pressed, rows) in enumerate(zip(others, objects[1:], problem.rows[1:], strict=True), start=1)
     )
     return TwinFit(
         problem.presses[0],
@@ -260,24 +266,27 @@ def fit_twin_to_ball_press(
 
 
 def _search_from_circles(
-    problem: JointPressProblem, presses: tuple[BallPress, ...], design: SensorDesign
+    problem: JointPressProblem, presses: tuple[RoundPress, ...], objects: tuple[SecondObject, ...]
 ) -> ParameterVector:
     """Return approximate parameters from the contact circles of all presses, by a search on a coarse grid."""
-    coarse = on_coarse_grid(problem)
-    guesses = [_initial_guess(press, one.model.design) for press, one in zip(presses, coarse.presses, strict=True)]
+    coarse, design = on_coarse_grid(problem), problem.presses[0].model.design
+    guesses = [_initial_guess(press, pressed, design) for press, pressed in zip(presses, objects, strict=True)]
     start = join_presses([BallPressParameters.from_vector(guess) for guess in guesses])
     return fit_coarsely(coarse, leave_some_gel(coarse, start)[0])
 
 
-def _initial_guess(press: BallPress, design: SensorDesign) -> ParameterVector:
-    """Return the initial guess from the disc: its centre, the depth by the rule of its edge, the drag by the asymmetry
-    of its bulge.
+def _known_depths(objects: tuple[SecondObject, ...]) -> Iterator[ParameterPrior]:
+    """Yield the depths that stops set, as priors."""
+    for number, pressed in enumerate(objects, start=1):
+        if pressed.known_depth is not None:
+            yield ParameterPrior(f"press_{number}_depth_mm", *pressed.known_depth)
+
+
+def _initial_guess(press: RoundPress, pressed: SecondObject, design: SensorDesign) -> ParameterVector:
+    """Return the initial guess from the disc: its centre, the depth by the rule of its edge or by the stop, the drag by the
+    asymmetry of its bulge.
     """
-    ball_mm = design.ball.radius_mm
-    radius_mm = press.edge_radius_mm
-    if radius_mm >= ball_mm:
-        radius_mm = WIDE_DISC_RADIUS * ball_mm
-    depth_mm = spherical_cap_height_mm(ball_mm, radius_mm) - EDGE_RULE_BIAS_MM
+    depth_mm = pressed.estimate_depth_mm(press.edge_radius_mm)
     x, y = press.centre_mm
     drag = dict(
         zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(press.circle.asymmetry_vector), strict=True)

@@ -65,6 +65,11 @@ def fit_parameters(press_count: int) -> tuple[_FitParameter, ...]:
     return (*FIT_PARAMETERS, *further)
 
 
+def parameter_names(press_count: int) -> tuple[str, ...]:
+    """Return the names of the parameters of a joint fit, in the order of its vector."""
+    return tuple(parameter.name for parameter in fit_parameters(press_count))
+
+
 def press_count_of(vector: ParameterVector) -> int:
     """Return the number of presses whose joint fit has this vector."""
     return 1 + (vector.size - len(FIT_PARAMETERS)) // POSE_COUNT
@@ -154,7 +159,7 @@ def estimate_uncertainty(
     covariance = parameter_covariance(jacobian, residual, effective_observations) + np.outer(model_error, model_error)
     standard_deviations = np.sqrt(np.maximum(np.diag(covariance), 0))
     divisors = np.where(standard_deviations > 0, standard_deviations, 1)
-    names = [parameter.name for parameter in fit_parameters(press_count_of(standard_deviations))]
+    names = parameter_names(press_count_of(standard_deviations))
     named = dict(zip(names, standard_deviations.tolist(), strict=True))
     own = slice(len(PARAMETER_NAMES))
     return FitUncertainty(effective_observations, named, (covariance / np.outer(divisors, divisors))[own, own])

@@ -19,7 +19,6 @@ from ninedtact.calibration.twin.fit_parameters import (
     parameter_bounds,
 )
 from ninedtact.calibration.twin.press_search import (
-    BallPressProblem,
     JointPressProblem,
     ParameterPrior,
     PriorTerms,
@@ -168,7 +167,7 @@ def on_coarse_grid(problem: JointPressProblem) -> JointPressProblem:
     """Return the problem with contacts on the coarse grid."""
     return JointPressProblem(
         tuple(
-            BallPressProblem(one.observed, BallPressModel(one.model.design, COARSE_PITCH_MM, COARSE_STEP_MM))
+            replace(one, model=BallPressModel(one.model.design, COARSE_PITCH_MM, COARSE_STEP_MM, one.model.indenter))
             for one in problem.presses
         )
     )

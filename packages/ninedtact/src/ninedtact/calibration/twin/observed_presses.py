@@ -1,5 +1,5 @@
-"""What is fitted of the two presses that calibrate a twin: brightness relative to the reference image, at pixels around the ball
-and among the pins of the board.
+"""What is fitted of the presses that calibrate a twin: brightness relative to the reference image, at pixels around a ball or a
+flat end, and among the pins of the board.
 """
 
 from abc import ABC, abstractmethod
@@ -69,21 +69,60 @@ class ObservedPress(ABC):
 
 REACH_MM = 8.0
 """Radius around the contact within which the image is fitted."""
+_RIM_MM = 0.7
+"""Distance from the rim of a flat end within which the image is not fitted: how round the edge is, and how the light scatters
+there, is not known."""
+
+
+def is_off_rim(distance_mm: Float[Array, "..."], face_radius_mm: float) -> Bool[Array, "..."]:
+    """Return which distances from the middle of a flat end are fitted."""
+    return np.asarray(np.abs(distance_mm - face_radius_mm) > _RIM_MM)
+
+
+def tilt_basis(x_mm: Float[Array, " n"], y_mm: Float[Array, " n"], face_radius_mm: float) -> Float[Array, "n 2"]:
+    """Return the orthonormal slopes of brightness across a flat face, by which its image changes where it is tilted.
+
+    x_mm, y_mm: positions from the middle of the face.
+    """
+    on_face = np.hypot(x_mm, y_mm) < face_radius_mm
+    return np.linalg.qr(np.column_stack([x_mm * on_face, y_mm * on_face]).astype(float))[0]
 
 
 @dataclass(frozen=True)
-class ObservedBallPress(ObservedPress):
-    """A press of the ball, fitted around the contact."""
+class ObservedRoundPress(ObservedPress):
+    """A press of a ball, or of the flat end of a round rod, fitted around the contact."""
 
     centre_mm: tuple[float, float]
     """Approximate centre of the contact."""
+    face_radius_mm: float | None = None
+    """Radius of a flat end; None for a ball."""
     stride_px: ClassVar[int] = 2
+
+    @cached_property
+    def distance_mm(self) -> Float32[Array, "rows cols"]:
+        """Distance of every pixel from the centre of the contact."""
+        x, y = self.positions_mm
+        return np.hypot(x - self.centre_mm[0], y - self.centre_mm[1])
 
     @cached_property
     def fitted_pixels(self) -> Bool[Array, "rows cols"]:
         """The pixels that are fitted."""
-        x, y = self.positions_mm
-        return self.thin_out(np.hypot(x - self.centre_mm[0], y - self.centre_mm[1]) < REACH_MM)
+        near = self.distance_mm < REACH_MM
+        return self.thin_out(
+            near if self.face_radius_mm is None else near & is_off_rim(self.distance_mm, self.face_radius_mm)
+        )
+
+    @cached_property
+    def _tilt_basis(self) -> Float[Array, "n 2"]:
+        assert self.face_radius_mm is not None
+        (x, y), (middle_x, middle_y) = self.points_mm, self.centre_mm
+        return tilt_basis(x[0] - middle_x, y[0] - middle_y, self.face_radius_mm)
+
+    def without_tilt(self, values: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
+        """Return values of the fitted pixels without what a tilt of a flat face explains; those under a ball as they are."""
+        if self.face_radius_mm is None:
+            return values
+        return values - self._tilt_basis @ (self._tilt_basis.T @ values)
 
     @cached_property
     def points_mm(self) -> tuple[Float32[Array, "1 n"], Float32[Array, "1 n"]]:

@@ -15,15 +15,15 @@ from numpy import ndarray as Array
 from scipy.optimize import least_squares, lsq_linear
 
 from ninedtact.calibration.twin.fit_parameters import (
-    PARAMETER_NAMES,
     fit_parameters,
     parameter_bounds,
+    parameter_names,
     parameter_scales,
     perturb_parameter,
     press_count_of,
     split_by_press,
 )
-from ninedtact.calibration.twin.observed_presses import ObservedBallPress
+from ninedtact.calibration.twin.observed_presses import ObservedRoundPress
 from ninedtact.mechanics.pose import InvalidPose
 from ninedtact.simulation.calibration_press_models import BallPressModel, BallPressParameters, ParameterVector
 
@@ -53,9 +53,9 @@ _SHALLOWER = 0.98
 
 @dataclass(frozen=True)
 class BallPressProblem:
-    """An observed press of the ball, and the model that predicts it."""
+    """An observed press of a ball or a flat end, and the model that predicts it."""
 
-    observed: ObservedBallPress
+    observed: ObservedRoundPress
     model: BallPressModel
 
     @cached_property
@@ -63,10 +63,16 @@ class BallPressProblem:
         """The bases that were computed last."""
         return {}
 
+    @cached_property
+    def brightness(self) -> Float[Array, " n"]:
+        """Relative brightness of each observed point, without what a tilt explains."""
+        return self.observed.without_tilt(self.observed.relative_brightness)
+
     def linear_basis(self, press: BallPressParameters) -> Float[Array, "n 3"]:
         """Return the coefficients of level, darkening slope and brightening slope at each observed point."""
         if press not in self.cached_bases:
-            basis = self.model.linear_basis(press, self.observed.centre_mm, self.observed.points_mm)
+            predicted = self.model.linear_basis(press, self.observed.centre_mm, self.observed.points_mm)
+            basis = self.observed.without_tilt(predicted)
             if len(self.cached_bases) >= _MAX_CACHED_BASES:
                 self.cached_bases.pop(next(iter(self.cached_bases)))
             self.cached_bases[press] = basis
@@ -79,7 +85,7 @@ class BallPressProblem:
 
 @dataclass(frozen=True)
 class JointPressProblem:
-    """Observed presses of balls on one gel."""
+    """Observed presses on one gel."""
 
     presses: tuple[BallPressProblem, ...]
 
@@ -102,7 +108,7 @@ class JointPressProblem:
         """
         count = len(self.presses)
         grey = [press.observed.mean_grey for press in self.presses]
-        observed = [press.observed.relative_brightness for press in self.presses]
+        observed = [press.brightness for press in self.presses]
         try:
             bases = [
                 press.linear_basis(parameters)
@@ -164,14 +170,15 @@ class PriorTerms:
 
     def residual(self, vector: ParameterVector) -> Float[Array, " priors"]:
         """Return the deviation of the vector from the priors, in grey levels."""
-        deviations = [prior.residual(vector[PARAMETER_NAMES.index(prior.name)])[0] for prior in self.priors]
+        names = parameter_names(press_count_of(vector))
+        deviations = [prior.residual(vector[names.index(prior.name)])[0] for prior in self.priors]
         return self.grey_levels_per_std * np.array(deviations, float)
 
     def jacobian(self, vector: ParameterVector) -> Float[Array, "priors parameters"]:
         """Return the derivative of the residual by the parameters."""
-        rows = np.zeros((len(self.priors), vector.size))
+        names, rows = parameter_names(press_count_of(vector)), np.zeros((len(self.priors), vector.size))
         for row, prior in zip(rows, self.priors, strict=True):
-            index = PARAMETER_NAMES.index(prior.name)
+            index = names.index(prior.name)
             row[index] = self.grey_levels_per_std * prior.residual(vector[index])[1]
         return rows
 

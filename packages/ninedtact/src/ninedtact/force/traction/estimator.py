@@ -138,6 +138,7 @@ class TractionForce(ForceEstimator):
             result.problem.kernels.forward.cells.pitch_mm,
             reading.frame.stamp_ns,
             skin_mm,
+            self.gel,
         )
         wrench = traction.wrench()
         stiffening = (
