@@ -68,6 +68,18 @@ class Press:
         r, across, up = self.parts.skin_nodes
         return r, self.moved[across], self.moved[up]
 
+    def height_mm(self, radius_mm: Array) -> Array:
+        """Height of the skin at distances from the axis."""
+        r, across, up = self.profile_mm
+        return np.interp(radius_mm, r + across, up)
+
+    def thickness_change_mm(self, radius_mm: Array) -> Array:
+        """Change of the thickness of the gel at distances from the axis."""
+        if not self.parts.layer.base_thickness_mm:
+            return self.height_mm(radius_mm)
+        r, across, up = self.parts.nodes_at(self.parts.layer.base_thickness_mm)
+        return self.height_mm(radius_mm) - np.interp(radius_mm, r + self.moved[across], self.moved[up])
+
 
 def follow(parts: Parts, radius_mm: float, depths_mm: Iterable[float], face_mm: float = 0.0) -> Iterator[Press]:
     """Balance at each depth in turn; raises `PressFailed`."""

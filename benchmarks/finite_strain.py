@@ -69,19 +69,6 @@ class Pair:
         (_, _, up), (_, _, below) = parts.skin_nodes, parts.nodes_at(parts.layer.base_thickness_mm)
         return float(moved[below[0]] - moved[up[0]])
 
-    def height_mm(self, radius_mm: np.ndarray) -> np.ndarray:
-        """Height of the skin of the finite elements at distances from the axis."""
-        r, across, up = self.elements.profile_mm
-        return np.interp(radius_mm, r + across, up)
-
-    def thickness_change_mm(self, radius_mm: np.ndarray) -> np.ndarray:
-        """Change of the thickness of their gel at distances from the axis."""
-        parts, moved = self.elements.parts, self.elements.moved
-        if not parts.layer.base_thickness_mm:
-            return self.height_mm(radius_mm)
-        r, across, up = parts.nodes_at(parts.layer.base_thickness_mm)
-        return self.height_mm(radius_mm) - np.interp(radius_mm, r + moved[across], moved[up])
-
 
 def finite_strain(
     quick: bool = False, json: bool = False, fit: bool = False, only_flat: bool = False, element_mm: float = 0.2
@@ -144,7 +131,7 @@ def figures_of(name: str, pairs: list[Pair]) -> list[Figure]:
         beside = (pair.linear.pressure_mpa <= 0) & (radius_mm < WITHIN_MM)
         if pair.is_flat:
             beside &= radius_mm > FLAT_END.radius_mm + RIM_MM
-        height_mm, thickness_mm = pair.height_mm(radius_mm), pair.thickness_change_mm(radius_mm)
+        height_mm, thickness_mm = pair.elements.height_mm(radius_mm), pair.elements.thickness_change_mm(radius_mm)
         both = corrected, pair.linear
         for each, found, true_mm in (
             ("height", [one.height_mm for one in both], height_mm),
@@ -182,7 +169,7 @@ def best_constants(name: str, pairs: list[Pair]) -> list[Figure]:
             change_by_pressure_mm, greatest_thinning_mm, linear.skin.gel, GRID, linear.tangential_mm
         )
         rows.append(np.stack([term[free] * weight for term in terms], axis=1))
-        wanted.append((pair.thickness_change_mm(radius_mm) - linear.thickness_change_mm)[free] * weight)
+        wanted.append((pair.elements.thickness_change_mm(radius_mm) - linear.thickness_change_mm)[free] * weight)
     found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
     names = ("growth", "redistribution", "transport")
     return [Figure(f"{name}: best {one}", float(value)) for one, value in zip(names, found, strict=True)]

@@ -89,13 +89,20 @@ class Visitor:
         self.tab.add_style_tag(content=HIDE_NOTICES)
         self.tab.evaluate("document.querySelectorAll('*').forEach(each => { each.scrollTop = 0; })")
         self.tab.wait_for_timeout(SETTLE_MS)
-        self.until_shown(*texts)
+        shown = Image.open(BytesIO(self._screenshot_with(texts))).convert("RGB")
         path = IMAGES / f"{name}.png"
-        shown = Image.open(BytesIO(self.tab.screenshot())).convert("RGB")
         _with_few_colours(shown).save(path, optimize=True)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
         if path.stat().st_size > MOST_BYTES:
             sys.exit(f"expected {path} to be at most {MOST_BYTES / 1e3:.0f} kB, got more; make the window smaller")
+
+    def _screenshot_with(self, texts: tuple[str, ...]) -> bytes:
+        """Return a picture before and after which the page shows texts, which a busy computer changes meanwhile."""
+        while True:
+            self.until_shown(*texts)
+            picture = self.tab.screenshot()
+            if all(text in self.tab.inner_text("body") for text in texts):
+                return picture
 
     def _field(self, label: str) -> Locator:
         named = self.tab.locator(f"label:text-is('{label}')").first
@@ -169,7 +176,7 @@ def take_live_pages(browser: Browser, folder: Path) -> None:
         desk.until_shown("recorded, ")
         desk.open_tab("Record")
         desk.type("time (s)", "3")
-        desk.take("recording_page")
+        desk.take("recording_page", "recorded, ")
         desk.tab.close()
         phone = Visitor(browser, address, PHONE)
         phone.until_shown("recorded, ")

@@ -101,11 +101,6 @@ class ReferenceImages:
         self.begin()
 
     @property
-    def drift(self) -> float:
-        """Relative change of the mean brightness of the one in use since it was taken; zero where it does not follow."""
-        return 0.0 if self._follower is None else self._follower.drift
-
-    @property
     def memory(self) -> StreamMemory:
         """What earlier images of this opening told; of a source whose reference does not follow, its reference images alone."""
         return self._begins_with if self._follower is None else self._follower.learner.memory

@@ -66,11 +66,6 @@ class Sensor:
         """Why the reference image in use cannot be that of the calibrated sensor; empty where it can."""
         return () if self.references.in_use is None else self.references.in_use.reference_faults
 
-    @property
-    def reference_drift(self) -> float:
-        """Relative change of the reference image's mean brightness since it was taken; zero where it does not follow."""
-        return self.references.drift
-
     def take_reference(self) -> None:
         """Average the next frames into a new reference image. Nothing may touch the gel meanwhile.
 

@@ -20,6 +20,8 @@ from ninedtact.force.estimator_and_scale import (
     ForceScale,
     ScaledForceEstimator,
     apply_sensor_force_scale,
+    force_error_of_base,
+    force_scale_of_ball,
     read_force_scales,
     write_force_scale,
 )
@@ -106,6 +108,14 @@ def test_all_six_axes_their_errors_and_the_tractions_are_scaled_together() -> No
     assert found.wrench.six == pytest.approx(1.5 * six)
     assert found.std == pytest.approx(np.hypot(0.15, 0.04 * 1.5 * np.abs(six)))
     assert found.traction is not None and found.traction.pressure_mpa == pytest.approx(0.15)
+
+
+def test_what_the_ball_leaves_open_of_the_base_adds_to_the_error_of_the_modulus() -> None:
+    known, open_, wide = (force_scale_of_ball(std).error for std in (0.0, 0.05, 1.0))
+    assert known == pytest.approx(0.25) and known < open_ < wide == 1.0
+    assert open_**2 - known**2 == pytest.approx(force_error_of_base(0.05) ** 2)
+    scaled = ScaledForceEstimator(Constant(), force_scale_of_ball(0.05))
+    assert f"all forces ±{open_:.0%}" in scaled.notices[0]
 
 
 def test_zero_stays_zero() -> None:

@@ -79,7 +79,7 @@ def test_nothing_is_followed_while_nobody_looks_and_a_path_begins_when_somebody_
     assert found.seen is not None and len(found.seen.places_mm) == 1 and found.true is None
 
 
-def test_a_recording_shows_the_path_that_the_sensor_had(
+def test_a_recording_shows_the_path_that_the_sensor_had_computed_once_for_all_viewers(
     turned_key: list[tuple[Press, Reading]], physical_sensor: SensorFolder, tmp_path: Path
 ) -> None:
     readings, follower = [reading for _, reading in turned_key], ObjectFollower(is_wanted=True)
@@ -88,9 +88,12 @@ def test_a_recording_shows_the_path_that_the_sensor_had(
         for reading in readings:
             recording.write_reading(reading)
             follower.add(reading)
-    recorded = RecordedSensor(path, physical_sensor.shape, full_range_colour_scale(physical_sensor.shape))
+    shape, scale = physical_sensor.shape, full_range_colour_scale(physical_sensor.shape)
+    other, recorded = (RecordedSensor(path, shape, scale) for _ in range(2))
     try:
-        wait_until(lambda: recorded.followed_until_ns == readings[-1].stamp_ns)
+        assert other.course is recorded.course
+        other.close()  # the course goes on for whom it is shown to still
+        wait_until(lambda: recorded.course.followed_until_ns == readings[-1].stamp_ns)
         for reading in (readings[-1], readings[2]):
             recorded.seek(reading.stamp_ns)
             shown, live = (
@@ -105,3 +108,6 @@ def test_a_recording_shows_the_path_that_the_sensor_had(
             assert shown.turn_rad == pytest.approx(live.turn_rad, abs=np.radians(0.3))
     finally:
         recorded.close()
+    again = RecordedSensor(path, shape, scale)
+    assert again.course is not recorded.course
+    again.close()

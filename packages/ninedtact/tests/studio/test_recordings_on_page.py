@@ -51,12 +51,8 @@ from ninedtact.studio.page_controller import (
     SensorStatusMessage,
 )
 from ninedtact.studio.reading_view import full_range_colour_scale
-from ninedtact.studio.recording_player import (
-    RecordedReadings,
-    RecordedSensor,
-    RecordingPlayer,
-    empty_wrench_histories,
-)
+from ninedtact.studio.recorded_readings import RecordedReadings, empty_wrench_histories
+from ninedtact.studio.recording_player import RecordedSensor, RecordingPlayer
 from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
 from ninedtact.studio.saved_files import SaveQuota, save_surface_sequence, save_video
 from ninedtact.studio.viewer import ViewerPage
@@ -633,7 +629,8 @@ def test_a_person_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_
         until("recorded, 0.00 of ", "paused", ">1.00<", "shallow: ", "2.00")
         camera.level = 50  # the sensor goes on, and this viewer is shown none of it
         client.use("time (s)", float(stamps_s[-1]))
-        until(">0.48<", "0.96", ">seen<")
+        until(">0.48<", "0.96")
+        wait_until(lambda: served.refresh() and any(client.shows(f'nowrap">{sign}0.0') for sign in "+\N{MINUS SIGN}"))
         client.use("time (s)", 0.0)
         until("recorded, 0.00 of ", ">1.00<", "out of range", "2.00")
         for command, number in (("forward", 1), ("forward", 2), ("forward", 3), ("back", 2)):

@@ -1,6 +1,7 @@
 """Contacts of one reading and of a stream: their number, place and shape, and shares that add up to the whole wrench."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,3 +95,22 @@ def test_a_stamp_that_repeats_gives_an_unknown_slip(press: Presser) -> None:
     _, reading = press(ball, Pose(depth_mm=0.5), None, 0)
     assert tracker.update(reading).slip.state == SlipState.STATIC
     assert tracker.update(reading).slip.state == SlipState.UNKNOWN
+
+
+def test_the_torque_of_a_twist_that_the_image_hides_is_seen_in_the_turn(press: Presser) -> None:
+    """Also in a recording, which keeps the wrench but no tractions."""
+    gear, last = indenter_from_name("gear_07"), None
+    trackers = ContactTracker(), ContactTracker()
+    turns_deg = (0, 0, 0, 2, 4, 6, 8)
+    for number, (depth_mm, turn_deg) in enumerate(zip((0.1, 0.2, *[0.3] * 5), turns_deg, strict=True)):
+        last, reading = press(gear, Pose(0.4, -0.3, depth_mm, np.radians(turn_deg)), last, number)
+        assert reading.force is not None
+        recorded = reading.with_force(replace(reading.force, traction=None))
+        found = [tracker.update(one) for tracker, one in zip(trackers, (reading, recorded), strict=True)]
+    assert last is not None and reading.force is not None
+    true_nm, hidden_nm = last.wrench.torque_nm[2], reading.force.about_skin_centre().wrench.torque_nm[2]
+    assert abs(hidden_nm) < 0.3 * true_nm
+    for one in found:
+        assert one.force is not None and one.force.std[5] < reading.force.std[5]
+        assert one.force.wrench.torque_nm[2] == pytest.approx(true_nm, rel=0.4)
+        assert one.slip.sticking_share == pytest.approx(1 - (last.slip_share or 0.0), abs=0.2)

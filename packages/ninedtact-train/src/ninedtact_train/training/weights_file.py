@@ -1,6 +1,7 @@
 """Reads files of weights (.pt) without running code in them, and without unpacking more than their size."""
 
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 from zipfile import ZipFile
 
@@ -18,4 +19,7 @@ def load_weights(path: Path | str) -> Any:
     with ZipFile(path) as archive:  # refuses the old format
         if sum(entry.file_size for entry in archive.infolist()) > Path(path).stat().st_size:
             raise ValueError("an archive whose content is larger than the file")
-    return torch.load(path, map_location="cpu", weights_only=True)
+    try:
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except UnpicklingError as refusal:  # whose advice is to run the code
+        raise ValueError("other objects than numbers and tensors, or damaged ones") from refusal

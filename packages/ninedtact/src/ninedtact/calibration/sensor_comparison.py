@@ -16,7 +16,6 @@ from numpy import ndarray as Array
 from ninedtact.calibration.gel_fit_to_known_loads import MODULUS_STD
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
 from ninedtact.errors import InputError
-from ninedtact.force.estimator_and_scale import UNCALIBRATED
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 
@@ -189,12 +188,14 @@ def _modulus(sensor: SensorFolder) -> Measured | None:
 
 
 def _force_error(sensor: SensorFolder) -> Measured | None:
-    return None if sensor.record.twin is None else Measured(100 * (sensor.gel_force_scale or UNCALIBRATED).error)
+    scale = sensor.gel_force_scale
+    return None if scale is None else Measured(100 * scale.error)
 
 
 def _load(sensor: SensorFolder) -> Measured | None:
     """Return the load of one and the same ball on the sensor's twin; None where there is none or the gel is too thin for it."""
-    if sensor.record.twin is None or "ball_reference" not in sensor.record.images:
+    scale = sensor.gel_force_scale
+    if scale is None or "ball_reference" not in sensor.record.images:
         return None
     from ninedtact.simulation.twin import ContactLeavesGel
 
@@ -202,8 +203,7 @@ def _load(sensor: SensorFolder) -> Measured | None:
         press = sensor.twin().press(None, Ball(BALL_RADIUS_MM), Pose(depth_mm=BALL_DEPTH_MM))
     except ContactLeavesGel:
         return None
-    error = (sensor.gel_force_scale or UNCALIBRATED).error
-    return Measured(float(press.load_n), error * float(press.load_n))
+    return Measured(float(press.load_n), scale.error * float(press.load_n))
 
 
 _Row = tuple[str, str, str, int, Callable[[SensorFolder], Measured | None]]

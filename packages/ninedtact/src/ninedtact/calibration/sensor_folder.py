@@ -270,13 +270,14 @@ class SensorFolder:
 
     @property
     def gel_force_scale(self) -> "ForceScale | None":
-        """The error of forces by physics that known loads leave; None where the gel was not calibrated with known loads."""
-        from ninedtact.force.estimator_and_scale import ForceScale
+        """The error of forces by physics that known loads leave, or, without any, the ball of the calibration; None without a
+        twin."""
+        from ninedtact.force.estimator_and_scale import ForceScale, force_scale_of_ball
 
-        known = self.record.known_loads
-        if known is None:
-            return None
-        return ForceScale(1.0, known.error, known.presses, known.shear_factor, known.shear_std)
+        known, twin = self.record.known_loads, self.record.twin
+        if known is not None:
+            return ForceScale(1.0, known.error, known.presses, known.shear_factor, known.shear_std)
+        return None if twin is None else force_scale_of_ball(twin.modulus_ratio_std)
 
     def _verify_file(self, file: str, digest: str) -> Path:
         """Return the path of a file of the folder after its content has been checked against the stored hash."""

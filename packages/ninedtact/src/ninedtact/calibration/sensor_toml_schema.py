@@ -363,6 +363,12 @@ class TwinTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     def __post_init__(self) -> None:
         require_within_bounds(self.gel, "gel")
 
+    @property
+    def modulus_ratio_std(self) -> float | None:
+        """Standard deviation of the modulus of the gel over that of its base, by the ball; None where it is not stated."""
+        ratio = self.fit.parameters.get("gel_to_base_modulus_ratio")
+        return None if ratio is None else ratio.std
+
 
 class KnownLoadTable(Struct, frozen=True, forbid_unknown_fields=True):
     """What presses with known loads determined of the gel (`ninedtact adapt`); its modulus and base are those of the twin's gel."""

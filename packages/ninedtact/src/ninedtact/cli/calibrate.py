@@ -257,19 +257,30 @@ class CalibrateCommand:
         """The second objects through whose presses a person is guided."""
         return tuple(kind for kind in SECOND_KINDS if getattr(self, f"with_{kind}"))
 
+    def _require_one_way_of_second_presses(self) -> None:
+        """Raise `InputError` for a press that is to be guided without a camera, and for an image of one beside a camera."""
+        for kind in SECOND_KINDS:
+            option = kind.replace("_", "-")
+            if kind in self._guided_second and self.source is None:
+                raise InputError(
+                    expected=f"--source or --page beside --with-{option}, which guides through the press",
+                    got="neither",
+                    remedy=f"give the image with --{option}",
+                )
+            if self.source is not None and getattr(self, kind):
+                raise InputError(
+                    expected=f"--with-{option} beside --source, which takes all images itself",
+                    got=f"--{option}",
+                    remedy=f"drop --{option}, or give all images",
+                )
+
     def obtain_images(self, taken: "dict[str, BgrImage] | None" = None) -> "CalibrationImages":
         """Read the images of both presses, or of one, from files or from a folder, or take all with a camera.
 
         taken: receives each image that a camera takes, by its name, if it is given. Raises `InputError`.
         """
         given = [name for name in _IMAGE_NAMES if getattr(self, name)]
-        if self._guided_second and self.source is None:
-            option = self._guided_second[0].replace("_", "-")
-            raise InputError(
-                expected=f"--source or --page beside --with-{option}, which guides through the press",
-                got="neither",
-                remedy=f"give the image with --{option}",
-            )
+        self._require_one_way_of_second_presses()
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None and self.from_import is None:
             return _capture_guided_images(

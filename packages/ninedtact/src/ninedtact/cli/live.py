@@ -150,7 +150,7 @@ class PlayCommand:
         from ninedtact.sensor import Sensor
         from ninedtact.studio.page_controller import DisplayedSensor, PageController
         from ninedtact.studio.page_server import page_server
-        from ninedtact.studio.recording_player import empty_wrench_histories
+        from ninedtact.studio.recorded_readings import empty_wrench_histories
         from ninedtact.studio.recordings_panel import RecordingsPanel, RecordingsPanelContext
         from ninedtact.studio.scene_3d import gel_block_under_skin
         from ninedtact.studio.sensor_page import SensorPage

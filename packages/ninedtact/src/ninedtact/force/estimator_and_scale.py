@@ -148,16 +148,32 @@ class ForceScale:
         )
 
 
-BASE_ERROR = 0.1
-"""Relative error of forces due to the base of the gel, which the ball of the calibration hardly tells."""
-UNCALIBRATED = ForceScale(error=float(np.hypot(0.25, BASE_ERROR)))
-"""The scale of a sensor that was never pressed with known loads: silicone of one name and hardness varies by a quarter."""
-MODULUS_KNOWN = ForceScale(error=BASE_ERROR, presses=1)
+_MODULUS_ERROR, _BASE_ERROR = 0.25, 0.1
+"""Relative errors of forces due to the modulus of the gel, because silicone of one name and hardness varies, and to its base, where
+no calibration tells how well it is known."""
+_FORCE_PER_MODULUS_RATIO = 3.0
+"""Relative change of the forces that explain one image, per change of the modulus of the gel over that of its base: the median of
+seven twins of real sensors on bases 3 and 10 times as stiff as the gel (0.3 to 7)."""
+MODULUS_KNOWN = ForceScale(error=_BASE_ERROR, presses=1)
 """The scale of a simulated sensor whose gel's modulus is given, and whose base is not."""
-_UNCALIBRATED_NOTICE = (
-    f"gel not calibrated for force: all forces ±{UNCALIBRATED.error:.0%}, which is part of the stated errors; "
-    "see 'ninedtact adapt'"
-)
+
+
+def force_error_of_base(modulus_ratio_std: float | None) -> float:
+    """Return the relative error of forces due to the base of the gel.
+
+    modulus_ratio_std: how well the ball of the calibration tells the modulus of the gel over that of its base; None where this is
+    not known.
+    """
+    return _BASE_ERROR if modulus_ratio_std is None else _FORCE_PER_MODULUS_RATIO * modulus_ratio_std
+
+
+def force_scale_of_ball(modulus_ratio_std: float | None) -> ForceScale:
+    """Return the scale of a sensor that was never pressed with known loads; the argument is that of `force_error_of_base`."""
+    return ForceScale(error=min(float(np.hypot(_MODULUS_ERROR, force_error_of_base(modulus_ratio_std))), 1.0))
+
+
+UNCALIBRATED = force_scale_of_ball(None)
+"""The scale of an estimator that was never calibrated with known loads, on a sensor of whose base nothing is known."""
 
 
 _EDITED_NOTICE = (
@@ -178,7 +194,11 @@ class ScaledForceEstimator(ForceEstimator):
     def notices(self) -> tuple[str, ...]:
         """A sentence on the unknown modulus of a sensor without a force calibration, those on its file of force scales, and those
         of the estimator."""
-        own = () if self.adaptation.presses else (_UNCALIBRATED_NOTICE,)
+        uncalibrated = (
+            f"gel not calibrated for force: all forces ±{self.adaptation.error:.0%}, which is part of the stated errors; "
+            "see 'ninedtact adapt'"
+        )
+        own = () if self.adaptation.presses else (uncalibrated,)
         return (*own, *self._file_notices, *self.estimator.notices)
 
     def estimate(self, reading: Reading) -> WrenchEstimate:

@@ -124,12 +124,6 @@ def drop_grid_axes(numbers: PerContact) -> ScalarPerContact:
     return float(values) if values.ndim == 0 else values
 
 
-def drop_grid_axes_of_counts(numbers: PerContact) -> CountPerContact:
-    """Return whole numbers without the grid's axes: an int, or a NumPy array (batch,)."""
-    values = drop_grid_axes(numbers)
-    return int(values) if isinstance(values, float) else np.asarray(values).astype(int)
-
-
 def may_stop_after(iterations: int, unconverged: ContactFlags) -> bool:
     """Return whether it is time to look if all contacts have converged: always for a single contact.
 

@@ -49,7 +49,7 @@ ListCameras = Callable[[], Mapping[str, str]]
 _LIST_EVERY_S = 2.0
 _TALL_PHONE_STYLE = (
     f"<style>@media (max-width: {NARROW_PX}px) {{ [style*='max-height: 60%'] "
-    "{ max-height: 100% !important; } }</style>"
+    "{ max-height: 100% !important; height: 100% !important; } }</style>"
 )
 """Lets the controls fill the screen of a phone; there is nothing behind them."""
 

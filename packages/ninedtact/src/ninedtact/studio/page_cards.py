@@ -71,7 +71,7 @@ def status_html(status: SensorStatusMessage) -> str:
 def shape_summary_html(summary: ShapeSummary, is_past: bool, doubt: str = "") -> str:
     """Return maximum indentation, contact area, contact centre and warnings as HTML. doubt: about where the object is."""
     centre = summary.contact_centre_mm
-    place = centre and "centre at x {:.1f}, y {:.1f} mm".format(*centre).replace("-", "\N{MINUS SIGN}")
+    place = centre and "centre at x {:z.1f}, y {:z.1f} mm".format(*centre).replace("-", "\N{MINUS SIGN}")
     measures = (
         ("maximum indentation", format_max_indentation(summary), "mm"),
         ("contact area", f"{summary.contact_area_mm2:.1f}", "mm²"),
@@ -176,7 +176,7 @@ def wrench_meaning_html(moments: Sequence[WrenchSourceSnapshot], has_curves: boo
     """Return what the columns of wrenches mean, and the scale of the arrow, as HTML. has_curves: says how curves are drawn, too."""
     dashed = [one.name for one in moments if has_curves and len(moments) > 1 and not one.states_errors]
     parts = [f"{one.name}{' (dashed)' if one.name in dashed else ''}: {one.meaning}" for one in moments]
-    parts.append(f"about the skin's centre; arrow {MM_PER_N:g} mm per N, arc {ARC_DEG_PER_NMM:g}° per N·mm of twist")
+    parts.append(f"about the skin's centre; arrow {MM_PER_N:g} mm/N, arc of twist {ARC_DEG_PER_NMM:g}°/(N·mm)")
     parts += ["time in s"] if has_curves else []
     return card_html("line", text="; ".join(parts), margin="0.3em", size="0.7em", is_dim=True)
 

@@ -3,9 +3,8 @@
     file ──RecordedReadings──▶ Reading ──RecordedSensor──▶ SensorMoment ──RecordingPlayer──▶ PageMoment ──▶ one ViewerPage
 
 Each viewer has a player of its own, which keeps the time; a `RecordedSensor` is one sensor of the recording. Image, heights,
-wrenches and curves of a moment are those of one stamp of the recording, which is "now" of the curves. Heights that are stored are
-shown as stored; the others are computed against the reference image that the recording has, or against its first ten images.
-The object is followed from the first image on, beside the playing; its path is shown where that has been reached.
+wrenches and curves of a moment are those of one stamp of the recording, which is "now" of the curves. Curve and path of the object
+are those of the `RecordedCourse`, which all viewers share.
 """
 
 from collections import Counter
@@ -14,131 +13,29 @@ from dataclasses import replace
 from functools import reduce
 from operator import or_
 from pathlib import Path
-from threading import Event, RLock, Thread
+from threading import RLock
 from time import monotonic
 
 import cv2
 import numpy as np
-from jaxtyping import Int64
-from numpy import ndarray as Array
 
 from ninedtact.errors import InputError, NinedtactError
-from ninedtact.live.sensor_poller import HISTORY_S, NS_PER_S, SensorPhase, SensorSnapshot
-from ninedtact.live.wrench_history import UNKNOWN_STD, WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
+from ninedtact.live.sensor_poller import NS_PER_S, SensorPhase, SensorSnapshot
+from ninedtact.live.wrench_history import WrenchHistory, WrenchSourceSnapshot, WrenchWithUncertainty
 from ninedtact.quantities import WrenchEstimate
-from ninedtact.reading import Reading, read_frame
-from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
-from ninedtact.recording.reader import RecordedReferences, Recording
-from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import (
     LabelledSpan,
-    Topic,
 )
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.shape.coloured_height_map import ColourScale
-from ninedtact.shape.surface import max_indentation_mm
-from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
-from ninedtact.studio.followed_object import FollowedObject, ObjectFollower
+from ninedtact.studio.followed_object import FollowedObject
 from ninedtact.studio.page_controller import SILENT_AFTER_MS, PageMoment, SensorMoment, SensorStatusMessage
 from ninedtact.studio.reading_view import ReadingView
+from ninedtact.studio.recorded_course import open_course
+from ninedtact.studio.recorded_readings import RecordedReadings
 
-CURVE_IMAGES = 600
-"""Largest number of images of which the indentation is computed for the curve."""
-FOLLOWED_IMAGES = 6000
-"""Number of images from the first through which the object is followed at most: 100 s at 60 Hz."""
-_NOT_FOLLOWED = FollowedObject()
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-
-
-class RecordedReadings:
-    """Reads the readings of a recording by their number: computed again from the images, with the heights and estimates that are
-    stored. One thread at a time; close it."""
-
-    def __init__(self, path: Path, shape: CalibratedShape) -> None:
-        """Open a recording; raises `RecordingUnreadable`, also where it has no image."""
-        self.recording, self._shape = Recording(path), shape
-        positions = self.recording.positions(Topic.IMAGES)
-        self._images = positions[np.argsort(positions["stamp_ns"], kind="stable")]
-        if len(self._images) == 0:
-            self.recording.close()
-            raise RecordingUnreadable(expected=f"images in {path}", got="none", remedy="take another recording")
-        self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
-        self._references = RecordedReferences(self.recording, shape)
-        self._first_reader: DepthReader | None = None
-
-    def __len__(self) -> int:
-        return len(self._images)
-
-    @property
-    def hz(self) -> float:
-        """The usual rate of the images."""
-        return usual_rate_hz(self.stamps_ns)
-
-    def reading(self, number: int) -> Reading:
-        """Return a reading; raises `RecordingUnreadable`, `FileFormatError`, `ReferenceUnusable`."""
-        frame = self.recording.frame(self._images[number])
-        reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
-        stored = self.recording.message_of_image(Topic.HEIGHTS, frame)
-        if stored is not None:
-            z_mm = self.recording.decode_heights(stored)
-            self._require_size(z_mm.shape)
-            computed = reading.height
-            reading = replace(reading, height=replace(computed, z_mm=np.where(np.isnan(z_mm), computed.z_mm, z_mm)))
-        estimated = self.recording.message_of_image(Topic.ESTIMATED, frame)
-        return reading if estimated is None else reading.with_force(self.recording.estimate(estimated))
-
-    def fill(self, history: WrenchHistory) -> None:
-        """Add all wrenches of the recording that belong to a history of estimates, or of measured wrenches."""
-        topic = Topic.ESTIMATED if history.states_errors else Topic.MEASURED
-        positions = self.recording.positions(topic)
-        for position in positions[np.argsort(positions["stamp_ns"], kind="stable")]:
-            if history.states_errors:
-                history.add_estimate(self.recording.estimate(self.recording.file.message(position)))
-            else:
-                history.add(WrenchWithUncertainty(self.recording.wrench(position), UNKNOWN_STD))
-
-    def close(self) -> None:
-        """Close the file."""
-        self.recording.close()
-
-    def __enter__(self) -> "RecordedReadings":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
-        """Return the depth reader for the reference image that held at a stamp, or that of the first ten images."""
-        recorded = self._references.depth_reader_at(stamp_ns)
-        if recorded is not None:
-            return recorded
-        if self._first_reader is None:
-            self._first_reader = self._shape.depth_reader(*map(self.recording.frame, self._images[:REFERENCE_FRAMES]))
-        return self._first_reader
-
-    def _require_size(self, size: tuple[int, ...]) -> None:
-        wanted = self._shape.rectify.height_source.shape
-        if size != wanted:
-            raise RecordingUnreadable(
-                expected=f"heights of {wanted[1]} x {wanted[0]} pixels in {self.recording.path}, as the sensor has",
-                got=f"{size[1]} x {size[0]}",
-                remedy="name the recorded sensor with --sensor, or leave it out",
-            )
-
-
-def empty_wrench_histories(path: Path, shape: CalibratedShape) -> list[WrenchHistory]:
-    """Return an empty history for each source of wrenches in a recording; raises what `RecordedReadings` raises."""
-    with RecordedReadings(path, shape) as readings:
-        readings.reading(0)
-        recording = readings.recording
-        columns = []
-        if len(recording.positions(Topic.MEASURED)):
-            forces = recording.metadata.force_torque
-            columns.append(WrenchHistory("true" if forces == TRUE_WRENCH_MEANING else "measured", forces))
-        if len(recording.positions(Topic.ESTIMATED)):
-            columns.append(WrenchHistory("estimated", "as recorded, ± one standard deviation", states_errors=True))
-        return columns
 
 
 class RecordedSensor:
@@ -167,13 +64,7 @@ class RecordedSensor:
         """Why the image at the present time cannot be shown; empty where it can."""
         self._number = -1
         self._view: ReadingView | None = None
-        self._closing, self._curve = Event(), list[tuple[int, float]]()
-        self.followed_until_ns = 0
-        """Stamp of the last image into which the object has been followed."""
-        self._followed = dict[int, FollowedObject]()
-        """Path, turn and slip of the object in each image, by its stamp."""
-        self._thread = Thread(target=self._measure_and_follow, name=f"measure {path.name}", daemon=True)
-        self._thread.start()
+        self.course = open_course(self.readings)
 
     def seek(self, at_ns: int, repetition: int = 0) -> None:
         """Take the newest image at a stamp; where it is damaged, the last whole one stays and `trouble` says so.
@@ -195,7 +86,7 @@ class RecordedSensor:
         """Return the image that `seek` took with what belongs to it. state: of the player, said in the status with the time."""
         reading = None if self._view is None else self._view.reading
         heard_ns, rate_hz = int(self.readings.stamps_ns[self._number]), self.readings.hz
-        history = self._history_until(at_ns)
+        history = self.course.history_until(at_ns)
         snapshot = SensorSnapshot(SensorPhase.RECORDED, reading, heard_ns, rate_hz, rate_hz, history)
         wrenches = tuple(self._wrenches_at(at_ns, None if reading is None else reading.force))
         if self.trouble:
@@ -205,21 +96,20 @@ class RecordedSensor:
         else:
             warnings = () if reading is None else (*reading.reference_warnings, *reading.image_warnings)
             status = SensorStatusMessage("warned" if warnings else "held", "; ".join((state, *warnings)))
-        followed = _NOT_FOLLOWED if reading is None else self._followed.get(reading.stamp_ns, _NOT_FOLLOWED)
+        followed = FollowedObject() if reading is None else self.course.followed(reading.stamp_ns)
         name = self.readings.recording.metadata.name
         return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, name, followed)
 
     def readings_within(self, span: LabelledSpan | None) -> tuple[RecordedReadings, range]:
         """Return the readings of this sensor anew, to be closed by whoever asks, and the numbers of those in a span, or of all."""
-        readings = RecordedReadings(self.path, self.shape)
+        readings = self.readings.opened_anew()
         begin_ns, end_ns = readings.stamps_ns[[0, -1]] if span is None else (span.begin_ns - 1000, span.end_ns + 1000)
         inside = np.flatnonzero((readings.stamps_ns >= begin_ns) & (readings.stamps_ns <= end_ns))
         return readings, range(int(inside[0]), int(inside[-1]) + 1) if len(inside) else range(0)
 
     def close(self) -> None:
         """Close the file; the sensor is not used afterwards."""
-        self._closing.set()
-        self._thread.join()
+        self.course.close()
         self.readings.close()
 
     def _wrenches_at(self, stamp_ns: int, estimate: WrenchEstimate | None) -> Iterator[WrenchSourceSnapshot]:
@@ -236,41 +126,6 @@ class RecordedSensor:
                 is_far = near is None or abs(near.wrench.stamp_ns - stamp_ns) > SILENT_AFTER_MS * 1e6
                 sample = None if is_far else near
             yield replace(found, sample=sample)
-
-    def _history_until(self, stamp_ns: int) -> Array:
-        """Return seconds before a stamp and indentations, as far as they have been computed."""
-        curve = np.array(tuple(self._curve), np.float64).reshape(-1, 2)
-        seconds = (curve[:, 0] - stamp_ns) / NS_PER_S
-        inside = (seconds <= 0) & (seconds > -HISTORY_S)
-        return np.stack([seconds[inside], curve[inside, 1]])
-
-    def _measure_and_follow(self) -> None:
-        """Compute the indentation over the recording, then follow the object, in a thread of its own, with a file of its own."""
-        try:
-            with RecordedReadings(self.path, self.shape) as readings:
-                self._measure(readings)
-                self._follow(readings)
-        except (NinedtactError, OSError, cv2.error):
-            return  # both end before the damage, which `trouble` describes where the image itself is shown
-
-    def _measure(self, readings: RecordedReadings) -> None:
-        every = -(-len(readings) // CURVE_IMAGES)
-        for reading in self._readings_until_closed(readings, range(0, len(readings), every)):
-            self._curve.append((reading.stamp_ns, max_indentation_mm(reading.height)))
-
-    def _follow(self, readings: RecordedReadings) -> None:
-        follower = ObjectFollower(is_wanted=True)
-        for reading in self._readings_until_closed(readings, range(min(len(readings), FOLLOWED_IMAGES))):
-            follower.add(reading)
-            self._followed[reading.stamp_ns] = follower.at(reading.stamp_ns)
-            self.followed_until_ns = reading.stamp_ns
-
-    def _readings_until_closed(self, readings: RecordedReadings, numbers: range) -> Iterator[Reading]:
-        """Yield the readings of these numbers; none any more after `close`."""
-        for number in numbers:
-            if self._closing.is_set():
-                return
-            yield readings.reading(number)
 
 
 class RecordingPlayer:

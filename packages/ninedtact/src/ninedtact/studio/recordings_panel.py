@@ -336,7 +336,7 @@ class RecordingsPanel:
         sensor = moment.name or (
             self._context.sensor.id if self._player is None else self._player.sensors[0].readings.recording.sensor
         )
-        title = f"{sensor}, {moment.status.sentence}"
+        title = f"{sensor}, {f'{datetime.now():%Y-%m-%d %H:%M:%S}' if self._player is None else moment.status.sentence}"
         wrench = None if sample is None else sample.wrench
         content = standalone_moment_html(view, cards, self._viewer.block, title, wrench).encode()
         self._quota.require_space(len(content), self._out, "a web page")

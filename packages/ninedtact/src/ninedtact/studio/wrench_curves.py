@@ -25,6 +25,7 @@ CURVE_POINTS = 400
 _BAND_OPACITY = "22"
 """Opacity of the band of one standard deviation, in hexadecimal."""
 _DASH = (5.0, 4.0)
+_NO_TICKS = uplot.Axis_Ticks(show=False)
 _NORMAL = "normal force −Fz, and grip (N)"
 _COMPONENTS = {_NORMAL: (2, -1.0)} | {
     f"{letter}{axis} ({unit})": (first + number, scale)
@@ -80,7 +81,7 @@ class LastSecondsPlot:
             tuple(series),
             bands=tuple(bands),
             scales={"x": uplot.Scale(time=False, range=(-HISTORY_S, 0.0)), "y": uplot.Scale()},
-            axes=(uplot.Axis(size=28), uplot.Axis()),
+            axes=(uplot.Axis(size=26, ticks=_NO_TICKS), uplot.Axis(ticks=_NO_TICKS)),
             legend=uplot.Legend(show=False),
             title=title or None,
             height=height,

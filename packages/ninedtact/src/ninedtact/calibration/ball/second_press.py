@@ -51,8 +51,9 @@ _DISC_BEYOND_RIM_MM = (-0.4, 1.4)
 """Radius of the disc of a flat end, less that of the rod: the skin is drawn down beside it."""
 _HIGHEST_BULGE = 2.0
 """Largest brightening beside a flat end relative to the darkening under it: it displaces much gel for its depth."""
-_MAX_TILT_DARKENING = 0.3
-"""Largest change of the darkening from the middle of a flat end to its rim, relative to that in the middle."""
+_MAX_TILT_DARKENING = 0.4
+"""Largest change of the darkening from the middle of a flat end to its rim, relative to that in the middle. A drag changes it
+too, on a base that yields."""
 _MAX_FLAT_DEPTH = 0.7
 """Largest depth of a flat end as a fraction of the thickness of the gel."""
 

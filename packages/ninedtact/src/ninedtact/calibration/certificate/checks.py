@@ -258,7 +258,7 @@ FLAT_END_CHECKS: tuple[CertificateCheck[SecondPressQuality], ...] = (
         "within {:g} ±",
         lambda second: (
             f"Flat end: beside the ball, its image is that of a depth of {second.likely_mm:.2f} ± {second.likely_std_mm:.2f} mm, "
-            f"stated are {second.stated_mm:g} ± {second.stated_std_mm:g} mm"
+            f"the stop says {second.stated_mm:.2f} ± {second.stated_std_mm:.2f} mm"
         ),
         "measure the stop, the rod and the ball with a calliper, and let the rod just touch where the stop is set",
     ),

@@ -34,7 +34,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     TwinTable,
 )
 from ninedtact.design import SecondKind, SensorDesign
-from ninedtact.force.estimator_and_scale import UNCALIBRATED
+from ninedtact.force.estimator_and_scale import force_scale_of_ball
 
 BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
 BALL_IMAGES = {
@@ -73,6 +73,7 @@ def render_certificate_html(calibration: Calibration) -> str:
         ball_rows=[
             *_ball_table_rows(record.certificate.ball),
             *(row for each in record.certificate.second_presses.items() for row in _second_press_table_rows(*each)),
+            *_second_press_hint_rows(record),
         ],
         twin_rows=_twin_table_rows(record.twin) if record.twin else [],
         design_rows=_design_table_rows(record.design),
@@ -215,10 +216,19 @@ PARAMETER_MEANINGS = {
 """What every fitted parameter of the twin is, in one sentence."""
 
 
+def _second_press_hint_rows(record: SensorTomlRecord) -> Rows:
+    """Return how the depth of a ball that was pressed alone becomes more certain; no row after a second press."""
+    if record.twin is None or record.certificate is None or record.certificate.second_presses:
+        return []
+    how = "press a second ball, or the flat end of a rod to a known depth (ninedtact calibrate --plan says what each would add)"
+    return [("to know the depth better", how)]
+
+
 def _second_press_table_rows(kind: SecondKind, second: SecondPressQuality) -> Rows:
     """Return the figures of a second press, and what it adds to the first."""
     name, is_ball = kind.replace("_", " "), kind == "second_ball"
-    stated_rows = [] if is_ball else [(f"{name}, stated depth", f"{second.stated_mm:g} ± {second.stated_std_mm:g} mm")]
+    stop = f"{second.stated_mm:.3f} ± {second.stated_std_mm:.3f} mm from the first touch, its tilt included"
+    stated_rows = [] if is_ball else [(f"{name}, depth of its middle by the stop", stop)]
     return [
         (f"{name}, radius", f"{second.radius_mm:g} mm"),
         *stated_rows,
@@ -241,9 +251,8 @@ def _force_section_values(record: SensorTomlRecord) -> dict[str, Any]:
     twin, known = record.twin, record.known_loads
     if twin is None:
         return {"force_sentence": "", "force_rows": []}
-    gel, error = twin.gel, UNCALIBRATED.error if known is None else known.error
-    ratio = twin.fit.parameters.get("gel_to_base_modulus_ratio")
-    ratio_std = (None if ratio is None else ratio.std) if known is None else known.modulus_ratio_std
+    gel, ratio_std = twin.gel, twin.modulus_ratio_std if known is None else known.modulus_ratio_std
+    error = force_scale_of_ball(ratio_std).error if known is None else known.error
     rows = [
         (
             f"a load of {_TYPICAL_LOAD_N:g} N is read to",
