@@ -13,6 +13,8 @@ import pytest
 from ninedtact.calibration.nominal_shape import nominal_shape
 from ninedtact.cli import main
 from ninedtact.mechanics.pose import Pose
+from ninedtact.quantities import Frame
+from ninedtact.reference_frames import choose_reference_frames
 from ninedtact.simulation.gel_brightness import synthetic_reference_image
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.pixel_to_skin_map import PixelToSkinMap
@@ -125,6 +127,14 @@ def test_a_sequence_that_begins_pressed_takes_its_last_images_as_the_reference_a
     assert "the first images show a contact" in capsys.readouterr().err
     assert all(row["touching"] == "True" for row in rows[: HELD + DRAGGED])
     assert {row["slip"] for row in rows[HELD + DRAGGED :]} == {"static"}
+
+
+def test_reference_images_end_before_a_wide_contact_that_is_hardly_above_their_noise() -> None:
+    rng, untouched = np.random.default_rng(0), 7
+    dent = 1.2 * np.sin(np.linspace(0, 2 * np.pi, COLS))[None, :, None]
+    images = [120 + rng.normal(0, 1.0, (ROWS, COLS, 3)) - (at >= untouched) * dent for at in range(10)]
+    frames = [Frame(np.rint(image).astype(np.uint8), 0, at) for at, image in enumerate(images)]
+    assert choose_reference_frames(frames, frames[untouched:]).frames == tuple(frames[: untouched - 1])
 
 
 def test_a_lamp_that_flickers_changes_neither_motion_nor_slip(drag: Drag, tmp_path: Path) -> None:

@@ -17,9 +17,9 @@ from ninedtact.shape.lens_and_rectification import to_grey_float
 
 _CELLS = 24, 18
 """Columns and rows to which images are reduced to be compared."""
-_STEADY_FRAMES = 3
-"""Images from which the noise of a sequence is known."""
-_STEADY_FACTOR, _LEAST_CHANGE = 1.6, 5e-4
+_STEADY_FRAMES, _ENOUGH_FRAMES = 3, 5
+"""Images from which the noise of a sequence is known; and that are enough for a reference, so that more can be done without."""
+_STEADY_FACTOR, _LEAST_CHANGE = 2.0, 5e-4
 """Root mean square change of an image from the mean of those before, over the largest of the first images, up to which nothing has
 happened; and the change, relative to the brightness, that is assumed of these at least. On simulated sensors ten images without
 contact differ by up to this factor, also where they are compressed."""
@@ -86,14 +86,14 @@ def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> Re
 
 
 def _steady(frames: Sequence[Frame]) -> tuple[Frame, ...]:
-    """Return the first frames, up to the one that differs from those before by more than these do among themselves; without the one
-    before it, in which the change may have begun."""
+    """Return the first frames, up to the one that differs from those before by more than these do among themselves; where they are
+    enough, without the one before it, in which the change may have begun."""
     cells, noise = [brightness_on_cells([frame]) for frame in frames], _LEAST_CHANGE
     for count in range(1, len(frames)):
         change = _relative_change(cells[count], np.mean(cells[:count], axis=0))
         size = float(np.sqrt(np.mean(change**2) / (1 + 1 / count)))  # the mean before has noise of its own
         if size > (_STEADY_FACTOR * noise if count >= _STEADY_FRAMES else _MOST_CHANGE):
-            return tuple(frames[: max(count - 1, min(count, _STEADY_FRAMES))])
+            return tuple(frames[: count - 1 if count > _ENOUGH_FRAMES else count])
         noise = max(noise, size if count < _STEADY_FRAMES else noise)
     return tuple(frames)
 
