@@ -96,6 +96,7 @@ STREAMS: dict[str, Change] = {
     "flicker ±2 %": partial(flicker, amplitude=0.02),
     "bands ±0.5 %": partial(bands, amplitude=0.005),
     "bands ±4 %": partial(bands, amplitude=0.04),
+    "bands ±2 %, 1.2 cycles over the image": partial(bands, amplitude=0.02, period_px=400),
     "MJPEG quality 40": lambda image, _: image,
     "H.264 crf 28": lambda image, _: image,
     "drift 1 % a minute": drift,

@@ -102,15 +102,12 @@ class HeightMap:
         """Return the coordinates x of the columns and y of the rows."""
         return centred_axis_mm(self.z_mm.shape[1], self.mm_per_px), centred_axis_mm(self.z_mm.shape[0], self.mm_per_px)
 
-    def sightline_scale_at(self, rows: Int[Array, " n"], cols: Int[Array, " n"]) -> Float64[Array, " n"]:
-        """Return the factor from where lines of sight cross the undeformed plane to the skin that these pixels see."""
-        return 1 + self.z_mm[rows, cols].astype(float) / self.camera_distance_mm
-
     def points_at(self, rows: Int[Array, " n"], cols: Int[Array, " n"]) -> Float64[Array, "n 3"]:
         """Return the points of the skin in mm that these pixels see."""
         x_axis, y_axis = self.axes_mm
-        scale = self.sightline_scale_at(rows, cols)
-        return np.column_stack([x_axis[cols] * scale, y_axis[rows] * scale, self.z_mm[rows, cols].astype(float)])
+        z_mm = self.z_mm[rows, cols].astype(float)
+        scale = 1 + z_mm / self.camera_distance_mm  # from where lines of sight cross the undeformed plane to the skin
+        return np.column_stack([x_axis[cols] * scale, y_axis[rows] * scale, z_mm])
 
 
 @dataclass(frozen=True)

@@ -102,6 +102,22 @@ def test_skin_is_seen_where_lines_of_sight_meet_it_and_kinks_of_the_law_are_not_
     assert np.abs(straight - true).max() > 0.05 * np.abs(true).max()
 
 
+def test_the_slope_of_a_law_with_a_kink_is_that_of_the_light_that_is_seen() -> None:
+    law = BrightnessLaw(np.array([-2.0, 0.0, 2.0]), np.array([-0.24, 0.0, 0.9]))
+    y, x = np.meshgrid(*((CELLS.offsets(axis) - (CELLS.shape[axis] - 1) / 2) * 0.5 for axis in (0, 1)), indexing="ij")
+
+    def raised(mm: float) -> DeformedSkin:
+        height_mm = (dent_mm(x, y) + mm).astype(np.float32)
+        return DeformedSkin(height_mm, height_mm, np.ones_like(height_mm), height_mm)
+
+    above, below = (FORWARD.observed_change(law, raised(0.05 + step_mm), None) for step_mm in (0.005, -0.005))
+    true, skin = (above - below) / 0.01, raised(0.05)
+    by_parts = FORWARD.scatter(FORWARD.slope_per_mm(law.slope_per_mm, skin))
+    by_cells = FORWARD.scatter(law.slope_per_mm(skin.height_mm))
+    off, off_by_cells = (np.abs(each - true)[2:-2, 2:-2].max() / true.max() for each in (by_parts, by_cells))
+    assert off < 0.005 < 0.02 < off_by_cells
+
+
 def sideways_mm(tractions: np.ndarray, touched: np.ndarray) -> float:
     """Root mean square of the displacement of touched skin along the surface."""
     moved = FORWARD.tangential_compliance * np.fft.rfft2(tractions, s=CELLS.patch.shape)
@@ -112,8 +128,7 @@ def sideways_mm(tractions: np.ndarray, touched: np.ndarray) -> float:
 def test_pressure_brings_the_shear_that_holds_a_flat_contact_and_less_where_the_contact_grew() -> None:
     line = linearised()
     row, col = line.contact_cells
-    pressure = np.concatenate([np.ones(len(row)), np.zeros(2 * line.carried_shear.shape[1])])
-    held = line.tractions(pressure)
+    held = line.tractions(np.concatenate([np.ones(len(row)), line.sticking_weights.sum(axis=0)]))
     free = held * np.array([1, 0, 0])[:, None, None]
     assert sideways_mm(held, line.region) < 0.4 * sideways_mm(free, line.region)
     cone = np.maximum(1 - np.hypot(row - 9, col - 12) / 6, 0.01)
@@ -121,8 +136,10 @@ def test_pressure_brings_the_shear_that_holds_a_flat_contact_and_less_where_the_
     carries[row, col] = cone
     grown = replace(line, carries=carries)
     at_once = replace(grown, growth_steps=1)
-    unknowns = np.concatenate([cone, np.zeros(2 * grown.carried_shear.shape[1])])
-    shear, more = (np.abs(each.tractions(unknowns)[1:]).sum() for each in (grown, at_once))
+    shear, more = (
+        np.abs(each.tractions(np.concatenate([cone, cone @ each.sticking_weights]))[1:]).sum()
+        for each in (grown, at_once)
+    )
     assert 0.5 * more < shear < 0.95 * more
 
 

@@ -6,8 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ninedtact import ScriptedPress, default_twin
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.mechanics.indenter import LyingCylinder
 from ninedtact.quantities import EstimateWarning, Frame, Rectified
 from ninedtact.reading import read_frame
 from ninedtact.shape.lens_and_rectification import Rectification
@@ -70,6 +72,28 @@ def test_bands_are_taken_out_and_named_with_their_period(
     left = cv2.GaussianBlur(corrected.grey / UNTOUCHED - 1, (0, 0), 20)
     assert np.abs(left).max() < 0.0005 + 0.02 * amplitude
     assert change.warnings == (EstimateWarning.LIGHT_BANDED,)
+
+
+@given(st.floats(0.005, 0.05), st.floats(0.9, 1.6), st.floats(0, 1), st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_about_one_cycle_over_the_view_is_taken_out_where_nothing_touches(
+    amplitude: float, cycles: float, phase: float, along_rows: bool
+) -> None:
+    """As bands or as a gradient, and said; without it, the skin would be pressed in by some tenths of a millimetre."""
+    part = RECTIFY.source_px[..., 1 if along_rows else 0] / (RAW_ROWS if along_rows else RAW_COLS)
+    bands = (1 + amplitude * np.sin(2 * np.pi * (cycles * part + phase))).astype(np.float32)
+    corrected, change = CORRECT(noisy(UNTOUCHED * bands), REFERENCE)
+    left = cv2.GaussianBlur(corrected.grey / UNTOUCHED, (0, 0), 20)
+    assert np.ptp(left) < 0.001 + 0.05 * amplitude and change.warnings
+
+
+@pytest.mark.parametrize(("radius_mm", "depth_mm"), [(4.0, 0.4), (8.0, 0.4), (15.0, 0.2)])
+def test_a_rod_across_the_view_is_no_band(radius_mm: float, depth_mm: float, twin_sensor: SensorFolder) -> None:
+    twin, shape = default_twin(), twin_sensor.shape
+    rod = LyingCylinder(radius_mm, 25.0)
+    pressed = twin.renderer(ScriptedPress(depth_mm).simulate(twin, rod), 2)
+    reading = read_frame(Frame(pressed), shape, shape.depth_reader(Frame(twin.renderer(None, 1))))
+    assert reading.light.bands is None and reading.max_indentation_mm > 0.5 * depth_mm
 
 
 @given(st.floats(0.013, 0.05), st.floats(0, 2 * np.pi), st.sampled_from([UNTOUCHED, PRESSED]))

@@ -160,9 +160,10 @@ class BatchedPhysics:
         """Return which estimates are out of range, partly unseen or not converged."""
         pressure, physics = result.tractions[:, 0], self._physics
         too_thin = (-result.thickness_change_mm > physics.max_known_thinning_mm) & (pressure > 0)
-        largest = pressure.amax((1, 2), keepdim=True)
-        unseen = (pressure > FAINT_PRESSURE * largest) & (widened(1 - observation.in_view) > 0)
-        too_strong = largest[:, 0, 0] > LARGEST_PRESSURE
+        stiffened = pressure * result.stiffening
+        faint = FAINT_PRESSURE * stiffened.amax((1, 2), keepdim=True)
+        unseen = (stiffened > faint) & (widened(1 - observation.in_view) > 0)
+        too_strong = pressure.amax((1, 2)) > LARGEST_PRESSURE
         not_converged = result.newton_decrement > physics.solver.max_trusted_decrement
         return (too_thin | unseen).flatten(1).any(1) | too_strong | not_converged
 

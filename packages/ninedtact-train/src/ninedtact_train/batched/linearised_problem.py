@@ -60,7 +60,6 @@ class BatchedProblem:
     used: Float32[torch.Tensor, "batch n"]
     """One on the cells of the contact region, zero on the others."""
     carried_shear: Float32[torch.Tensor, "batch n modes"]
-    sticking_weights: Float32[torch.Tensor, "batch n weights"]
     jacobian: Float32[torch.Tensor, "batch unknowns cells"]
     curvature: Float64[torch.Tensor, "batch unknowns unknowns"]
     slope: SkinFields
@@ -76,8 +75,7 @@ class BatchedProblem:
         x = unknowns.float()
         count, modes = self.carried_shear.shape[1:]
         pressure = x[:, :count] * self.used
-        weights = x[:, count:] + (pressure[:, None] @ self.sticking_weights)[:, 0]
-        shear = weights.view(-1, 2, modes) @ self.carried_shear.mT
+        shear = x[:, count:].view(-1, 2, modes) @ self.carried_shear.mT
         values = torch.cat([pressure[:, None], shear], 1)
         tractions = values.new_zeros(len(x), 3, shape[0] * shape[1])
         return tractions.scatter_(2, self.index[:, None].expand_as(values), values).view(-1, 3, *shape)

@@ -206,14 +206,18 @@ class BatchedTractionInversion:
         carried = self._carried_shear(index, carries, modes)
         sticking_part = _sticking_part(guess.tractions)
         sticking = self._sticking_weights(index, carries, carried, sticking_part)
-        slope = self._law.slope_per_mm(guess.skin.thickness_change_mm)
+        slope = self._forward.slope_per_mm(self._law.slope_per_mm, guess.skin)
         whitener = self._whitener(observation, guess.misfit)
-        jacobian = self._jacobian(index, used, carried, sticking, slope, whitener.per_error)
+        jacobian = self._jacobian(index, used, carried, slope, whitener.per_error)
         curvature = whitener.gram(jacobian).double()
         curvature[:, :cells, :cells] += self._prior_precision(observation, index, used)
+        brought = (sticking * used[..., None]).double()
+        curvature[:, :cells, :cells] += brought @ brought.mT
+        curvature[:, :cells, cells:] -= brought
+        curvature[:, cells:, :cells] -= brought.mT
         # Padding has a curvature of one, which keeps it at zero.
         curvature.diagonal(0, 1, 2).add_(torch.cat([1 - used, used.new_ones(len(used), 2 * modes)], 1))
-        return BatchedProblem(index, used, carried, sticking, jacobian, curvature, slope, whitener, sticking_part)
+        return BatchedProblem(index, used, carried, jacobian, curvature, slope, whitener, sticking_part)
 
     def _carries(self, region: Views, pressure: Views) -> Views:
         """Return the smoothed pressure of each contact region."""
@@ -265,7 +269,6 @@ class BatchedTractionInversion:
         index: torch.Tensor,
         used: torch.Tensor,
         carried: torch.Tensor,
-        sticking: torch.Tensor,
         slope: SkinFields,
         per_error: Views,
     ) -> Float32[torch.Tensor, "batch unknowns cells"]:
@@ -278,10 +281,7 @@ class BatchedTractionInversion:
         by_modes = [(carried.mT @ each.flatten(2)).view(*carried.mT.shape[:2], *each.shape[2:]) for each in sheared]
         heights = torch.cat([pressed * used[:, :, None, None], *by_modes], 1)
         signal = (down @ (heights * near[:, None]) @ across) * per_error[:, None]
-        jacobian = signal.flatten(2)
-        count = index.shape[1]
-        jacobian[:, :count] += (sticking * used[..., None]) @ jacobian[:, count:]
-        return jacobian
+        return signal.flatten(2)
 
     def _wrench_operator(self, problem: BatchedProblem) -> Float64[torch.Tensor, "batch 6 unknowns"]:
         """Return the force and torque due to a unit of each unknown, N and N·m per MPa."""
@@ -293,9 +293,7 @@ class BatchedTractionInversion:
         zero = torch.zeros_like(common)
         along_x = torch.cat([common, zero, zero, zero, zero, turned_x], 1)
         along_y = torch.cat([zero, common, zero, zero, zero, turned_y], 1)
-        sheared = torch.cat([along_x, along_y], 2)
-        pressed = pressed + sheared @ (problem.sticking_weights.double() * used[..., None]).mT
-        return torch.cat([pressed, sheared], 2) * self.inversion.forward.cells.patch.cell_area_mm2
+        return torch.cat([pressed, along_x, along_y], 2) * self.inversion.forward.cells.patch.cell_area_mm2
 
     def _guess_from_heights(self, observation: BatchedObservation) -> _Guess:
         cells, z_mm = self.inversion.forward.cells, observation.z_mm

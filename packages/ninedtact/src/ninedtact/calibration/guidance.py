@@ -14,7 +14,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, ContactCircle, spherical_cap_height_mm
-from ninedtact.calibration.ball.second_press import PressedBall, SecondObject, second_object
+from ninedtact.calibration.ball.second_press import PressedBall, PressedObject, second_object
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.board.detection import BoardNotFound
 from ninedtact.calibration.brightness_change import flat_fielded_brightness_change, overexposed_share, smooth_gaussian
@@ -171,7 +171,7 @@ def guided_capture_steps(
         )
 
 
-def _press_instruction(pressed: SecondObject) -> str:
+def _press_instruction(pressed: PressedObject) -> str:
     """Return how a second object is pressed."""
     name = f"Press the {pressed.name} (radius {pressed.radius_mm:g} mm) straight down near the middle"
     if pressed.known_depth is not None:
@@ -181,7 +181,7 @@ def _press_instruction(pressed: SecondObject) -> str:
 
 
 def _press_watcher(
-    reference: str, pressed: SecondObject, design: SensorDesign, settings: CalibrationSettings
+    reference: str, pressed: PressedObject, design: SensorDesign, settings: CalibrationSettings
 ) -> "Callable[[dict[str, BgrImage]], _RoundPressWatcher]":
     """Return what builds the watcher of a press. reference: name of the image of the skin before it."""
     return lambda taken: _RoundPressWatcher(
@@ -291,7 +291,7 @@ class _RoundPressWatcher:
 
     reference: BgrImage
     rectify: Rectification
-    pressed: SecondObject
+    pressed: PressedObject
     settings: CalibrationSettings
     still: _StillFrameAverager = field(default_factory=_StillFrameAverager)
     patience: int = PATIENCE
@@ -318,13 +318,13 @@ class _RoundPressWatcher:
         return self.patience > 0
 
 
-def _best_depth_mm(ball: SecondObject) -> tuple[float, float]:
+def _best_depth_mm(ball: PressedObject) -> tuple[float, float]:
     """Return the least and the largest depth of a good press of a ball; a small one is soon as wide as its disc."""
     least_mm, most_mm = BEST_DEPTH_MM
     return min(least_mm, 0.25 * ball.radius_mm), min(most_mm, 0.55 * ball.radius_mm)
 
 
-def _press_advice(pressed: SecondObject, circle: ContactCircle, disc_mm: float) -> tuple[str, str]:
+def _press_advice(pressed: PressedObject, circle: ContactCircle, disc_mm: float) -> tuple[str, str]:
     """Return what is seen of a press, and advice that would improve it; a flat end is as deep as its stop lets it go."""
     sheared = "press straight down, it is sheared" if circle.asymmetry > MAX_ASYMMETRY else ""
     if pressed.known_depth is not None:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.second_press import PressedBall, PressedFlatEnd, SecondObject
+from ninedtact.calibration.ball.second_press import PressedBall, PressedFlatEnd, PressedObject
 from ninedtact.calibration.fits_to_sensor_toml import fitted_ball_press
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.calibration.twin.ball_press_fit import (
@@ -83,13 +83,13 @@ class CandidatePress:
     name: str
     indenter: Indenter
     depth_mm: float
-    second: SecondObject | None = None
+    second: PressedObject | None = None
     """What a calibration would fit; None for an object that it does not use."""
     has_known_load: bool = False
 
     @classmethod
     def of(
-        cls, second: SecondObject, depth_mm: float, name: str = "", has_known_load: bool = False
+        cls, second: PressedObject, depth_mm: float, name: str = "", has_known_load: bool = False
     ) -> "CandidatePress":
         """Return the press of an object that a calibration uses."""
         return cls(name or second.name, second.indenter, depth_mm, second, has_known_load)

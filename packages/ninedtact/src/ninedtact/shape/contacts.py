@@ -66,33 +66,39 @@ class _Part:
     row: int
     col: int
     """First row and column of the rectangle."""
+    points_mm: Float[Array, "n 3"]
+    """The skin at its pixels."""
     area_mm2: float
 
 
 def _find_parts(height: HeightMap, contact: Bool[Array, "rows cols"]) -> list[_Part]:
     """Return the connected parts that are large enough, the largest first."""
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(contact.view(np.uint8), connectivity=8)
+    left, top, width, high = cv2.boundingRect(contact.view(np.uint8))
+    touched = contact[top : top + high, left : left + width].view(np.uint8)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(touched, connectivity=8, ltype=cv2.CV_16U)
     parts = []
     for label in range(1, count):
         col, row, width, high, pixels = boxes[label].tolist()
         if pixels * height.mm_per_px**2 >= _LEAST_AREA_MM2:
-            mask = (labels[row : row + high, col : col + width] == label).astype(np.uint8)
+            mask = (labels[row : row + high, col : col + width] == label).view(np.uint8)
             rows, cols = np.nonzero(mask)
-            scale = height.sightline_scale_at(rows + row, cols + col)
-            parts.append(_Part(mask, row, col, float(scale @ scale) * height.mm_per_px**2))
+            row, col = row + top, col + left
+            points_mm = height.points_at(rows + row, cols + col)
+            scale = 1 + points_mm[:, 2] / height.camera_distance_mm
+            parts.append(_Part(mask, row, col, points_mm, float(scale @ scale) * height.mm_per_px**2))
     return sorted(parts, key=lambda part: -part.area_mm2)
 
 
 def _measure_patch(height: HeightMap, part: _Part) -> ContactPatch:
     """Return a contact with its shape."""
-    rows, cols = np.nonzero(part.mask)
-    points_mm = height.points_at(rows + part.row, cols + part.col)[:, :2]
-    extents, axes = np.linalg.eigh(np.cov(points_mm.T))
+    centre_mm = part.points_mm[:, :2].mean(axis=0)
+    from_centre_mm = part.points_mm[:, :2] - centre_mm
+    extents, axes = np.linalg.eigh(from_centre_mm.T @ from_centre_mm)
     angle = float(np.arctan2(axes[1, 1], axes[0, 1]))
     contours, _ = cv2.findContours(part.mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     outline = max(contours, key=len)[:, 0]
     return ContactPatch(
-        points_mm.mean(axis=0),
+        centre_mm,
         part.area_mm2,
         height.points_at(outline[:, 1] + part.row, outline[:, 0] + part.col)[:, :2],
         (angle + np.pi / 2) % np.pi - np.pi / 2,

@@ -81,8 +81,8 @@ def require_plausible_image(
         raise ImageImplausible(f"{name}: expected {_ADVICE[warning]}")
     if shows_another_skin(image.grey, reference.grey):
         raise ImageImplausible(
-            f"{name}: expected a press on the skin of the reference image, got an image without the fine structure of that skin; "
-            "give images of one sensor, and a reference image of the same gel, camera and exposure"
+            f"{name}: expected a press on the skin of the reference image, got an image without the fine structure of that skin, "
+            "because it is of another sensor or gel, or more compressed; give images of one sensor, exposure and compression"
         )
 
 

@@ -53,14 +53,18 @@ _CELLS_PER_SAMPLE = 60
 _MIN_DIRT_RANGE = MIN_DIRT_CONTRAST / 4
 """Range of the ratio over the view below which no dirt is looked for: a cell shows part of the contrast of a small spot."""
 
-_CYCLES = np.arange(1.5, 12.01, 0.0625)
-"""Bands over the image that are looked for. Finer ones are averaged out; coarser ones look like a gradient."""
+_CYCLES = np.arange(0.75, 12.01, 0.0625)
+"""Bands over the image that are looked for. Finer ones are averaged out; coarser ones are a gradient."""
 _PROFILE_BINS, _PROFILE_SAMPLES = 48, 40
 _MIN_BAND_AMPLITUDE = 0.0012
-_MIN_EXPLAINED, _FEW_CYCLES, _MIN_EXPLAINED_OF_FEW = 0.75, 2.5, 0.92
-"""Share of a profile's variance that bands of one period explain; a press may look like a few cycles."""
+_MIN_EXPLAINED, _FEW_CYCLES, _MIN_EXPLAINED_OF_FEW, _MAX_AMPLITUDE_OF_FEW = 0.75, 2.5, 0.92, 0.1
+"""Share of a profile's variance that bands of one period explain. A rod across the whole view may look like a few cycles:
+pressed in by a millimetre, like bands of ±0.3."""
 _MAX_SIDE_DIFFERENCE = 0.35
 """Largest difference between the bands of one side of the view and those of the whole, as a fraction."""
+_WIDE_CYCLES, _STRIPS = 1.5, 5
+"""Fewer cycles than that have to leave this many strips of the view even, up to the same fraction, which no press does, and half of
+what a parabola leaves of the profile, or they are a gradient."""
 _HARMONICS = 3
 
 
@@ -259,8 +263,12 @@ class LightCorrection:
         power = (parts**2).sum(axis=1)
         best = int(power.argmax())
         amplitude = float(np.sqrt(2 * power[best] / len(profile)))
-        least = _MIN_EXPLAINED if _CYCLES[best] > _FEW_CYCLES else _MIN_EXPLAINED_OF_FEW
-        if power[best] < least * total or amplitude < _MIN_BAND_AMPLITUDE:
+        is_few = _CYCLES[best] <= _FEW_CYCLES
+        least, most = (_MIN_EXPLAINED_OF_FEW, _MAX_AMPLITUDE_OF_FEW) if is_few else (_MIN_EXPLAINED, np.inf)
+        if power[best] < least * total or not _MIN_BAND_AMPLITUDE <= amplitude <= most:
+            return None
+        is_wide = _CYCLES[best] < _WIDE_CYCLES
+        if is_wide and total - power[best] > 0.5 * (total - float(((grid.parabola @ deviation) ** 2).sum())):
             return None
         third = samples.shape[1] // 3
         for side in (samples[:, :third], samples[:, -third:]):
@@ -269,7 +277,15 @@ class LightCorrection:
                 power[best]
             ):
                 return None
-        return grid.fit_bands(deviation, _peak_of_parabola(power, best), along_rows)
+        bands = grid.fit_bands(deviation, _peak_of_parabola(power, best), along_rows)
+        return bands if not is_wide or self._are_alike_over_view(bands, samples, grid) else None
+
+    @staticmethod
+    def _are_alike_over_view(bands: LightBands, samples: Float32[Array, "bins samples"], grid: "_ProfileGrid") -> bool:
+        """Return whether every strip across the bands is even without them."""
+        strips = np.stack([_median(strip, axis=1) for strip in np.array_split(samples, _STRIPS, axis=1)], axis=1)
+        even = strips / bands.factor[(grid.line * grid.lines).astype(np.intp)][:, None]
+        return bool(even.std() < _MAX_SIDE_DIFFERENCE * bands.amplitude / np.sqrt(2))
 
     @cached_property
     def _row_grid(self) -> "_ProfileGrid":
@@ -310,6 +326,11 @@ class _ProfileGrid:
         angle = 2 * np.pi * _CYCLES[:, None] * self.line
         pairs = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return np.asarray(np.linalg.qr(pairs - pairs.mean(axis=1, keepdims=True))[0].transpose(0, 2, 1))
+
+    @cached_property
+    def parabola(self) -> Float[Array, "2 bins"]:
+        """Orthonormal polynomials of first and second order."""
+        return np.asarray(np.linalg.qr(np.vander(self.line - self.line.mean(), 3, increasing=True))[0][:, 1:].T)
 
     def fit_bands(self, deviation: Float[Array, " bins"], cycles: float, along_rows: bool) -> LightBands:
         """Return the bands of this number of cycles and their harmonics, by least squares with outliers given less weight."""

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from ninedtact.reading import Reading
 from ninedtact.simulation.object_motions import true_slip
 from ninedtact.simulation.press import Press
-from ninedtact.tracking import ContactTracker, RigidMotion, SlipEstimate, SlipState, TrackedContacts
+from ninedtact.tracking import ContactTracker, ObjectMotion, RigidMotion, SlipEstimate, SlipState, TrackedContacts
 
 SEEN_TURN_RAD = np.radians(45)
 """Standard deviation of a turn below which it is shown; a ball has 115°."""
@@ -22,8 +22,8 @@ _STEP_MM = 0.05
 """Distance of the points of a path."""
 _MOST_POINTS = 300
 """Number of points from which every other one is left out."""
-_SEEN_STD_MM = 0.1
-"""Standard deviation of a position up to which a path is continued after images that could not be used."""
+_SEEN_STD_MM = 0.2
+"""Standard deviation of a position up to which a path is that of the object's shape, and else that of its contacts."""
 _ANOTHER = "new path: another object, or one that was not recognised"
 _KEPT = 8
 """Newest readings of which the result is kept, because the page shows one that is a little older."""
@@ -84,9 +84,10 @@ class ObjectFollower:
     """What the tracker found in the last image that could be used."""
     _last: FollowedObject = field(default=FollowedObject(), init=False, repr=False)
     """What was known of the object then."""
-    _begin_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    _begin_mm: Float[Array, "2"] | None = field(default=None, init=False, repr=False)
+    """What the object's shape gives as displacement where the path begins; None while its shape does not show it."""
     _begin_rad: float = field(default=0.0, init=False, repr=False)
-    """What the tracker gave as displacement and turn when the object touched first."""
+    """What the tracker gave as turn when the object touched first."""
     _first_press: Press | None = field(default=None, init=False, repr=False)
     """How the twin was pressed then."""
     _press: Press | None = field(default=None, init=False, repr=False)
@@ -119,7 +120,7 @@ class ObjectFollower:
         is_another = self._path != path_before
         was_unusable = self._recent[-1].stamp_ns != last.stamp_ns
         is_late = press is not None and self._first_press is None  # the simulation had not kept the first press
-        if is_another or is_late or (was_unusable and not self._bridge_unusable_images(found)):
+        if is_another or is_late or (was_unusable and not (self._begin_mm is not None and _shows_place(motion))):
             last = FollowedObject()
         seen = self._extend_seen(found, press, last.seen)
         true = None if seen is None or press is None else self._extend_true(press, seen, last.true)
@@ -130,15 +131,6 @@ class ObjectFollower:
         doubt = lost or (_ANOTHER if begins_anew else last.doubt if last.doubt == _ANOTHER else "")
         return FollowedObject(found.reading.stamp_ns, found.slip, seen, true, slip, "" if seen is None else doubt)
 
-    def _bridge_unusable_images(self, found: TrackedContacts) -> bool:
-        """Add what the object has moved since the last image that could be used; return whether its shape shows that."""
-        before = self._found
-        if before is None or not (before.motion.is_known and found.motion.is_known):
-            return False
-        moved_mm = found.motion.moved_mm[:2] - before.motion.moved_mm[:2]
-        self._begin_mm = self._begin_mm + found.displacement_mm - before.displacement_mm - moved_mm
-        return float(found.motion.std[:2].max()) < _SEEN_STD_MM
-
     def _extend_seen(self, found: TrackedContacts, press: Press | None, before: ObjectPath | None) -> ObjectPath | None:
         if not found.contacts:
             return None
@@ -146,12 +138,23 @@ class ObjectFollower:
         is_turn_seen = motion.is_known and bool(motion.std[5] < SEEN_TURN_RAD)
         yaw_rad = motion.motion.yaw_rad if is_turn_seen else np.nan
         if before is None:
-            self._first_press, self._begin_mm, self._begin_rad = press, found.displacement_mm, yaw_rad
+            self._first_press, self._begin_rad = press, yaw_rad
+            self._begin_mm = motion.moved_mm[:2] if _shows_place(motion) else None
             place_mm = motion.position_mm[:2] if motion.is_known else found.contacts[0].centre_mm
             return ObjectPath(place_mm[None], yaw_rad - yaw_rad, float(motion.std[5]), sticking_share)
-        place_mm = before.places_mm[0] + found.displacement_mm - self._begin_mm
         turn_rad = (yaw_rad - self._begin_rad + np.pi) % (2 * np.pi) - np.pi
-        return before.then(place_mm, turn_rad, float(motion.std[5]), sticking_share)
+        return before.then(self._place_mm(found, before), turn_rad, float(motion.std[5]), sticking_share)
+
+    def _place_mm(self, found: TrackedContacts, before: ObjectPath) -> Float[Array, "2"]:
+        """Return where the object is now: by its shape where that shows it, otherwise as far on as its contacts have moved."""
+        start_mm, moved_mm = before.places_mm[0], found.motion.moved_mm[:2]
+        is_shown = _shows_place(found.motion)
+        if is_shown and self._begin_mm is not None:
+            return np.asarray(start_mm + moved_mm - self._begin_mm)
+        last_mm = found.displacement_mm if self._found is None else self._found.displacement_mm
+        place_mm = before.places_mm[-1] + found.displacement_mm - last_mm
+        self._begin_mm = moved_mm - (place_mm - start_mm) if is_shown else self._begin_mm
+        return np.asarray(place_mm)
 
     def _extend_true(self, press: Press, seen: ObjectPath, before: ObjectPath | None) -> ObjectPath | None:
         first, slip_share = self._first_press, press.slip_share
@@ -161,6 +164,10 @@ class ObjectFollower:
         start_mm = np.append(seen.places_mm[0], -float(first.pose.depth_mm))
         place_mm, sticking_share = motion(start_mm)[:2], np.nan if slip_share is None else 1 - slip_share
         return (before or ObjectPath(seen.places_mm[:1], 0.0)).then(place_mm, motion.yaw_rad, 0.0, sticking_share)
+
+
+def _shows_place(motion: ObjectMotion) -> bool:
+    return motion.is_known and float(motion.std[:2].max()) < _SEEN_STD_MM
 
 
 def _true_slip(before: Press | None, press: Press | None, since_s: float) -> SlipState:

@@ -239,7 +239,9 @@ def _contact_html(moment: SensorMoment) -> str:
     press = None if moment.view is None else moment.view.press
     if press is None:
         return ""
-    words, slip = [f"{press.indenter.name}, {float(press.pose.depth_mm):.2f} mm deep"], press.slip_share
+    depth_mm, slip = float(press.pose.depth_mm), press.slip_share
+    height = f"{depth_mm:.2f} mm deep" if depth_mm >= 0 else f"{-depth_mm:.2f} mm above the skin"
+    words = [f"{press.indenter.name}, {height}"]
     if slip is not None:
         words.append("sticks" if slip == 0 else "slips" if slip == 1 else f"slips on {slip:.0%} of the contact")
     return card_html("line", text=" · ".join(words), margin="0.2em", size="0.9em")

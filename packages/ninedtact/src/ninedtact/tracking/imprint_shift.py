@@ -6,6 +6,7 @@ counts.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -38,14 +39,18 @@ class ImprintShift:
         if self._key is None or self._key.shape != edges.shape:
             self._key = edges
             return self._key_mm
-        rows, cols = edges.shape
-        window = cv2.createHanningWindow((cols, rows), cv2.CV_32F)
-        shift_px, _ = cv2.phaseCorrelate(self._key, edges, window)
+        shift_px, _ = cv2.phaseCorrelate(self._key, edges, _window(*edges.shape))
         shift_mm = pixel_mm * np.array(shift_px)
         found = self._key_mm + shift_mm
         if np.linalg.norm(shift_mm) > _NEXT_KEY_MM:
             self._key, self._key_mm = edges, found
         return found
+
+
+@lru_cache(maxsize=4)
+def _window(rows: int, cols: int) -> Float32[Array, "rows cols"]:
+    """Return the weights that make an image fade towards its border."""
+    return np.asarray(cv2.createHanningWindow((cols, rows), cv2.CV_32F))
 
 
 def _edges(height: HeightMap) -> tuple[Float32[Array, "rows cols"], float]:

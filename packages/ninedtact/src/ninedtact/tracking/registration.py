@@ -157,7 +157,7 @@ class Registration:
         weight = self.weights(distance - dragged_mm, both)
         if weight.sum() * earlier.point_area_mm2 < _MIN_AREA_MM2:
             return None
-        radius_mm = _radius_of_gyration(earlier)
+        radius_mm = earlier.radius_of_gyration_mm
         scale = np.array([1, 1, 1, radius_mm, radius_mm, radius_mm])
         free = _UPRIGHT if self.is_upright else np.ones(6)
         rms_mm = float(np.sqrt(weight @ (distance - dragged_mm) ** 2 / weight.sum()))
@@ -262,10 +262,6 @@ def _fit_motion_and_fields(
     at_rest, by_step, coupling = solved[:, 0], solved[:, 1:], right_sides[:, 1:]
     information = weighted_derivative.T @ derivative - coupling.T @ by_step
     return _Fit(information, weighted_derivative.T @ distance - coupling.T @ at_rest, at_rest, by_step)
-
-
-def _radius_of_gyration(surface: TouchedSurface) -> float:
-    return float(np.sqrt(((surface.points_mm - surface.centre_mm) ** 2).sum(axis=1).mean()))
 
 
 def _information_of_noise(

@@ -6,6 +6,7 @@ both in the axes of the sensor after the motion.
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
@@ -46,9 +47,10 @@ class RigidMotion:
 
     def perturbed(self, about_mm: Float[Array, "3"], error: Float[Array, "6"]) -> "RigidMotion":
         """Return the motion followed by a small one that displaces `about_mm`, a point after the motion, and turns about it."""
-        turn = Rotation.from_rotvec(error[3:]).as_matrix()
+        turn = cv2.Rodrigues(error[3:])[0]
+        rotation = turn @ self.rotation
         # Rounding errors of a product of many rotations would double from image to image.
-        rotation = Rotation.from_matrix(turn @ self.rotation).as_matrix()
+        rotation = rotation @ (3 * np.eye(3) - rotation.T @ rotation) / 2
         return RigidMotion(rotation, turn @ (self.translation_mm - about_mm) + about_mm + error[:3])
 
     def difference(self, other: "RigidMotion", point_mm: Float[Array, "3"]) -> Float[Array, "6"]:

@@ -48,10 +48,15 @@ class TouchedSurface:
     is_beside: Bool[Array, " n"]
     """Whether a point lies beside the object, where the skin hangs free."""
 
-    @property
+    @cached_property
     def centre_mm(self) -> Float[Array, "3"]:
         """The mean of the points."""
         return self.points_mm.mean(axis=0)
+
+    @cached_property
+    def radius_of_gyration_mm(self) -> float:
+        """Root mean square distance of the points from their centre."""
+        return float(np.sqrt(((self.points_mm - self.centre_mm) ** 2).sum(axis=1).mean()))
 
     @cached_property
     def smooth_fields(self) -> Float[Array, "n fields"]:
@@ -78,12 +83,12 @@ class TouchedSurface:
             for axis, side in ((0, cols), (1, rows))
         )
         x, y = at
-        return np.stack(
-            [
-                cv2.remap(field, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)[0]
-                for field in (self.z_mm, self.slope_x, self.slope_y, self.is_shaped)
-            ]
-        ).astype(float)
+        return cv2.remap(self._fields, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)[0].T.astype(float)
+
+    @cached_property
+    def _fields(self) -> Float32[Array, "rows cols 4"]:
+        """Everything that `sample` returns, as the channels of one image."""
+        return np.asarray(cv2.merge([self.z_mm, self.slope_x, self.slope_y, self.is_shaped]))
 
 
 def extract_touched_surface(height: HeightMap, contact: Bool[Array, "rows cols"]) -> TouchedSurface | None:

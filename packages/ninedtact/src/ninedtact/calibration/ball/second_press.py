@@ -1,8 +1,8 @@
 """A second press on the gel of the calibration's ball, which is fitted together with the first: of another ball, or of the flat end
 of a rod that a stop lets in to a known depth. It tells the base of the gel, and so the true depth.
 
-`SecondObject` is the interface of what is pressed. In: the design, and a raw image of the skin before each press and under it. Out:
-`SecondPress`, by `find_second_presses`.
+`PressedObject` is the interface of what is pressed. In: the design, and raw images of the skin before each press and under it.
+Out: `SecondPress`, by `find_second_presses`.
 """
 
 from abc import ABC, abstractmethod
@@ -36,9 +36,9 @@ from ninedtact.shape.depth import DepthMethod
 from ninedtact.shape.lens_and_rectification import Rectification
 from ninedtact.simulation.calibration_images import FLAT_END_EDGE_MM
 
-EDGE_RULE_BIAS_MM = 0.1
+_EDGE_RULE_BIAS_MM = 0.1
 """Usual excess of the depth that the rule of the disc's edge gives."""
-WIDE_DISC_RADIUS = 0.95
+_WIDE_DISC_RADIUS = 0.95
 """Radius of the disc for the initial guess, as a fraction of the ball's radius, where the disc is wider than the ball (as in thick
 gel) and does not determine the depth.
 """
@@ -58,10 +58,11 @@ _MAX_FLAT_DEPTH = 0.7
 """Largest depth of a flat end as a fraction of the thickness of the gel."""
 
 
-class SecondObject(ABC):
-    """What is pressed second."""
+class PressedObject(ABC):
+    """A round object that is pressed on the gel: the calibration's ball, another one, or the flat end of a rod."""
 
     kind: ClassVar[SecondKind]
+    """What it is where it is pressed second."""
     radius_mm: float
     """Radius of the ball or of the rod."""
 
@@ -92,7 +93,7 @@ class SecondObject(ABC):
     def require_explained(self, rmse_grey: float, circle: ContactCircle) -> None:
         """Refuse a press that gel and light of the first do not explain; raises `BallPressUnusable`."""
 
-    def as_pressed(self, before: Rectified, after: Rectified, circle: ContactCircle) -> "SecondObject":
+    def as_pressed(self, before: Rectified, after: Rectified, circle: ContactCircle) -> "PressedObject":
         """Return the object with what its press shows of how it was held."""
         return self
 
@@ -103,7 +104,7 @@ class SecondObject(ABC):
 
 
 @dataclass(frozen=True)
-class PressedBall(SecondObject):
+class PressedBall(PressedObject):
     """A ball of this radius."""
 
     radius_mm: float
@@ -121,8 +122,8 @@ class PressedBall(SecondObject):
     def estimate_depth_mm(self, edge_radius_mm: float) -> float:
         """Return the depth by the rule of the disc's edge, less its usual bias."""
         is_wide = edge_radius_mm >= self.radius_mm
-        disc_mm = WIDE_DISC_RADIUS * self.radius_mm if is_wide else edge_radius_mm
-        return spherical_cap_height_mm(self.radius_mm, disc_mm) - EDGE_RULE_BIAS_MM
+        disc_mm = _WIDE_DISC_RADIUS * self.radius_mm if is_wide else edge_radius_mm
+        return spherical_cap_height_mm(self.radius_mm, disc_mm) - _EDGE_RULE_BIAS_MM
 
     def require_explained(self, rmse_grey: float, circle: ContactCircle) -> None:
         """Refuse a press of a ball of another radius than the stated one."""
@@ -137,7 +138,7 @@ class PressedBall(SecondObject):
 
 
 @dataclass(frozen=True)
-class PressedFlatEnd(SecondObject):
+class PressedFlatEnd(PressedObject):
     """The flat end of a rod, pressed to a known depth. Its rim is not fitted, and its tilt is taken out of the image."""
 
     gauge: FlatEndGauge
@@ -170,8 +171,8 @@ class PressedFlatEnd(SecondObject):
         """Return the contact circle of a flat end of this radius that is not tilted much."""
         change = rectified_flat_fielded_change(before, after)
         circle = find_contact_circle(change, _HIGHEST_BULGE)
-        require_disc_above_black(after.grey, circle)
         self._require_radius(circle.radius_px * before.mm_per_px)
+        require_disc_above_black(after.grey, circle)
         self._require_flat_face(before, after, circle)
         return circle
 
@@ -183,9 +184,9 @@ class PressedFlatEnd(SecondObject):
         least, most = (self.gauge.radius_mm + beyond for beyond in _DISC_BEYOND_RIM_MM)
         if not least < disc_mm < most:
             raise BallPressUnusable(
-                expected=f"the disc of a flat end of radius {self.gauge.radius_mm:g} mm ({least:.1f} to {most:.1f} mm)",
+                expected=f"a disc of {least:.1f} to {most:.1f} mm, for its radius of {self.gauge.radius_mm:g} mm",
                 got=f"one of {disc_mm:.2f} mm",
-                remedy="measure the rod with a calliper and give its radius, and press its flat end",
+                remedy="measure the rod with a calliper and give its radius, and press its flat end alone, wholly in view",
             )
 
     def _require_flat_face(self, before: Rectified, after: Rectified, circle: ContactCircle) -> None:
@@ -196,7 +197,7 @@ class PressedFlatEnd(SecondObject):
         half_way = float(darkening[np.abs(distance_mm / radius_mm - 0.55) < 0.1].mean())
         if half_way < _LEAST_RIM_DARKENING * middle:
             raise BallPressUnusable(
-                expected="a flat end, under which the gel is as dark towards the rim as in the middle",
+                expected="a face under which the gel is as dark towards the rim as in the middle",
                 got=f"{half_way / middle:.0%} of the darkening half-way to the rim, as under a ball",
                 remedy="press the flat end of a rod, or give the image of a ball with --second-ball",
             )
@@ -204,7 +205,7 @@ class PressedFlatEnd(SecondObject):
         if to_rim > _MAX_TILT_DARKENING:
             tilt_deg = np.degrees(to_rim * self.gauge.depth_mm / radius_mm)
             raise BallPressUnusable(
-                expected=f"a flat end that lies flat (darkening even to {_MAX_TILT_DARKENING:.0%} from its middle to its rim)",
+                expected=f"a face that lies flat (darkening even to {_MAX_TILT_DARKENING:.0%} from its middle to its rim)",
                 got=f"{to_rim:.0%}, a tilt of about {tilt_deg:.1f}°",
                 remedy="guide the rod, such as in a drilled block, and press it straight down",
             )
@@ -248,10 +249,10 @@ def _darkening_about(
 class SecondPress(RoundPress):
     """The press of a second object."""
 
-    object: SecondObject
+    object: PressedObject
 
 
-def second_object(kind: SecondKind, design: SensorDesign) -> SecondObject:
+def second_object(kind: SecondKind, design: SensorDesign) -> PressedObject:
     """Return what a design presses second; raises `InputError` for a flat end deeper than the gel allows."""
     if kind == "second_ball":
         return PressedBall(design.ball.second_radius_mm)
@@ -280,7 +281,7 @@ def find_second_presses(
 
 
 def _find_second_press(
-    rectify: Rectification, pair: tuple[BgrImage, BgrImage], pressed: SecondObject, method: DepthMethod
+    rectify: Rectification, pair: tuple[BgrImage, BgrImage], pressed: PressedObject, method: DepthMethod
 ) -> SecondPress:
     if method != "physics":
         raise InputError(

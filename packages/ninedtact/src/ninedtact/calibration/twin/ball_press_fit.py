@@ -17,7 +17,7 @@ from jaxtyping import Float
 from numpy import ndarray as Array
 
 from ninedtact.calibration.ball.ball_press import BallPress, RoundPress
-from ninedtact.calibration.ball.second_press import PressedBall, SecondObject, SecondPress
+from ninedtact.calibration.ball.second_press import PressedBall, PressedObject, SecondPress
 from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
     NEARLY_RIGID,
@@ -87,7 +87,7 @@ class SecondPressFit:
     """What the joint fit says of a second press."""
 
     press: BallPressParameters
-    object: SecondObject
+    object: PressedObject
     residual_rms_grey_levels: float
     implied: ImpliedLength
     """What all images imply of the length that is stated: the radius of a ball, the depth of a flat end."""
@@ -266,7 +266,7 @@ def fit_twin_to_ball_press(
 
 
 def _search_from_circles(
-    problem: JointPressProblem, presses: tuple[RoundPress, ...], objects: tuple[SecondObject, ...]
+    problem: JointPressProblem, presses: tuple[RoundPress, ...], objects: tuple[PressedObject, ...]
 ) -> ParameterVector:
     """Return approximate parameters from the contact circles of all presses, by a search on a coarse grid."""
     coarse, design = on_coarse_grid(problem), problem.presses[0].model.design
@@ -275,14 +275,14 @@ def _search_from_circles(
     return fit_coarsely(coarse, leave_some_gel(coarse, start)[0])
 
 
-def _known_depths(objects: tuple[SecondObject, ...]) -> Iterator[ParameterPrior]:
+def _known_depths(objects: tuple[PressedObject, ...]) -> Iterator[ParameterPrior]:
     """Yield the depths that stops set, as priors."""
     for number, pressed in enumerate(objects, start=1):
         if pressed.known_depth is not None:
             yield ParameterPrior(f"press_{number}_depth_mm", *pressed.known_depth)
 
 
-def _initial_guess(press: RoundPress, pressed: SecondObject, design: SensorDesign) -> ParameterVector:
+def _initial_guess(press: RoundPress, pressed: PressedObject, design: SensorDesign) -> ParameterVector:
     """Return the initial guess from the disc: its centre, the depth by the rule of its edge or by the stop, the drag by the
     asymmetry of its bulge.
     """

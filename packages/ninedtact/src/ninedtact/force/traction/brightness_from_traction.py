@@ -170,6 +170,13 @@ class ForwardModel:
         thicker_mm = sight.follow(thicker_mm, from_rows @ skin.height_mm @ from_cols)
         return sight.observe(down @ law(thicker_mm) @ across)
 
+    def slope_per_mm(self, slope_per_mm: Callable[[SkinField], SkinField], skin: DeformedSkin) -> SkinField:
+        """Return the derivative of the brightness law on the skin that scatters light into the view, averaged over the parts of
+        each cell: the law has a kink, and an iteration that took cells as wholes would jump to and fro across it."""
+        from_rows, from_cols = self._refining
+        parts = slope_per_mm(from_rows @ skin.thickness_change_mm @ from_cols)
+        return from_rows.T @ parts @ from_cols.T / PARTS_OF_CELL**2
+
     def deform(self, tractions: Tractions) -> DeformedSkin:
         """Return all skin under tractions of the linear gel on the view, with thickness as in `correct_for_finite_strain`."""
         xp, waves, gel = array_namespace_of(tractions), forward_transform(tractions, self.cells.patch.shape), self.gel
@@ -246,15 +253,14 @@ class InfluenceKernels:
 
     def heights_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n skin_rows skin_cols"]]:
         """Return the height of that skin under unit pressure, unit shear along x and unit shear along y on each of these cells."""
-        at = influence_window_indices(self.forward.cells, row, col)
+        rows, cols = self.forward.cells.shape
+        at = rows - 1 - row, cols - 1 - col  # the first window is the last cell's
         return [windows[at] for windows in self._height_windows]
 
-    def tangential_between_cells(self, row: Indices, col: Indices) -> Float32[Array, "2 3 n n"]:
-        """Return the displacement along x and along y of each of these cells (rows) that unit pressure, unit shear along x and unit
-        shear along y on each of them (columns) cause."""
-        down, across = (np.subtract.outer(index, index) for index in (row, col))
-        skin = self.forward.cells.patch.shape
-        return self._tangential_kernels.take(down % skin[0] * skin[1] + across % skin[1], axis=2)
+    def tangential_between_cells(self, row: Indices, col: Indices) -> Float32[Array, "5 n n"]:
+        """Return the displacement of each of these cells (rows) by unit tractions on each of them (columns): along x and along y by
+        pressure, along x by shear along x and along y, and along y by shear along y."""
+        return self._tangential_kernels.take(places_between_cells(self.forward.cells, row, col), axis=1)
 
     @cached_property
     def point_spread(self) -> tuple[Float32[Array, "rows skin_rows"], Float32[Array, "skin_cols cols"]]:
@@ -268,36 +274,33 @@ class InfluenceKernels:
 
     @cached_property
     def _height_windows(self) -> list[Float32[Array, "rows cols skin_rows skin_cols"]]:
-        return [influence_windows(self.forward.cells, each, self.forward.around) for each in self.forward.compliance]
+        """Windows into the kernels: one for each cell of the view."""
+        cells, around = self.forward.cells, self.forward.around
+        kernels = (influence_kernel(cells, each, around) for each in self.forward.compliance)
+        return [sliding_window_view(kernel, self.skin_shape) for kernel in kernels]
 
     @cached_property
-    def _tangential_kernels(self) -> Float32[Array, "2 3 skin"]:
-        """The displacement along x and y of all skin under unit tractions on its first cell, skin row after row."""
-        shape = self.forward.cells.patch.shape
-        return np.fft.irfft2(self.forward.tangential_compliance, s=shape).astype(np.float32).reshape(2, 3, -1)
-
-
-def influence_windows(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Array:
-    """Return the responses to a traction on single cells, as windows into one array, from a transfer function.
-
-    The window at `influence_window_indices` is the response to one cell of the view.
-    """
-    shape = cells.rows + 2 * around[0], cells.cols + 2 * around[1]
-    return sliding_window_view(influence_kernel(cells, transfer, around), shape)
+    def _tangential_kernels(self) -> Float32[Array, "5 places"]:
+        """The displacements of `tangential_between_cells` by `places_between_cells`."""
+        (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = self.forward.tangential_compliance
+        each = by_pressure_x, by_pressure_y, xx, xy, yy
+        return np.stack([influence_kernel(self.forward.cells, one, (0, 0)).ravel() for one in each])
 
 
 def influence_kernel(cells: CellGrid, transfer: Array, around: tuple[int, int]) -> Float32[Array, "tall wide"]:
-    """Return the array of which `influence_windows` are windows."""
+    """Return the response of a transfer function to a traction on one cell, on the view and so many cells around it wherever in
+    the view the cell is. The middle is the response of the cell itself."""
     skin, view = cells.patch.shape, cells.shape
     kernel = np.fft.irfft2(transfer, s=skin).astype(np.float32)
     down, across = (np.arange(1 - side - beyond, side + beyond) for side, beyond in zip(view, around, strict=True))
     return kernel[np.ix_(down % skin[0], across % skin[1])]
 
 
-def influence_window_indices(cells: CellGrid, row: Indices, col: Indices) -> tuple[Indices, Indices]:
-    """Return the indices of the windows of these cells; the first window is the last cell's."""
-    rows, cols = cells.shape
-    return rows - 1 - row, cols - 1 - col
+def places_between_cells(cells: CellGrid, row: Indices, col: Indices) -> Int[Array, "n n"]:
+    """Return where the flattened `influence_kernel` without surroundings has the response of each cell to each (columns)."""
+    wide = 2 * cells.cols - 1
+    place = row * wide + col
+    return np.subtract.outer(place, place - (cells.rows - 1) * wide - cells.cols + 1)
 
 
 def _gaussian_weights(cells: int, places: Float[Array, " n"], width: float, parts: int) -> Float32[Array, "view n"]:

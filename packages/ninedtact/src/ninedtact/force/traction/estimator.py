@@ -145,14 +145,16 @@ class TractionForce(ForceEstimator):
             float(tractions[0].sum() / max(mpa * result.tractions[0].sum(), 1e-12)) if self.gel.finite_strain else 1.0
         )
         covariance = self.uncertainty.wrench_covariance(result, wrench.six, mpa, stiffening)
-        return WrenchEstimate(wrench, covariance, True, tuple(self._warnings(observation, result)), traction)
+        warnings = tuple(self._warnings(observation, result, traction))
+        return WrenchEstimate(wrench, covariance, True, warnings, traction)
 
-    def _warnings(self, observation: ObservationOnCells, result: InversionResult) -> list[EstimateWarning]:
+    def _warnings(
+        self, observation: ObservationOnCells, result: InversionResult, traction: Traction
+    ) -> list[EstimateWarning]:
         """Return the reasons for which the result may be wrong."""
-        pressure = result.tractions[0]
         reasons = {
             EstimateWarning.OUT_OF_RANGE: self._is_out_of_range(result),
-            EstimateWarning.PART_UNSEEN: pressure_reaches_unseen(pressure, observation.in_view),
+            EstimateWarning.PART_UNSEEN: pressure_reaches_unseen(traction.pressure_mpa, observation.in_view),
             EstimateWarning.NOT_CONVERGED: result.newton_decrement > self.solver.max_trusted_decrement,
         }
         return [warning for warning, holds in reasons.items() if holds]

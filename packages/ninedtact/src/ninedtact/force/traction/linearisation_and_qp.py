@@ -25,8 +25,8 @@ from ninedtact.force.traction.brightness_from_traction import (
     SkinField,
     Tractions,
     View,
-    influence_window_indices,
-    influence_windows,
+    influence_kernel,
+    places_between_cells,
 )
 from ninedtact.force.traction.observation import CellGrid
 
@@ -158,13 +158,13 @@ class DiscretePrior:
         common = np.full((len(lattice), 1), self.prior.pull, np.float32)
         return np.concatenate([common, lattice], axis=1)
 
-    def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n rows cols"]:
-        """Return the precision of pressure between each of these cells and all of the view, for a strain of one."""
-        return self._precision_windows[influence_window_indices(self.cells, row, col)]
+    def pressure_precision(self, row: Indices, col: Indices) -> Float32[Array, "n n"]:
+        """Return the precision of pressure between each of these cells and each of them, for a strain of one."""
+        return self._precision_kernel.take(places_between_cells(self.cells, row, col))
 
     @cached_property
-    def _precision_windows(self) -> Float32[Array, "rows cols rows cols"]:
-        return influence_windows(self.cells, self.precision_spectrum, (0, 0))
+    def _precision_kernel(self) -> Float32[Array, "tall wide"]:
+        return influence_kernel(self.cells, self.precision_spectrum, (0, 0))
 
     @property
     def precision_spectrum(self) -> Float32[Array, "skin_rows half"]:
@@ -195,12 +195,8 @@ class Whitener:
 
     def gram(self, columns: Float32[Array, "n cells"]) -> Float32[Array, "n n"]:
         """Return the products of fields that are divided by their errors already."""
-        from scipy.linalg.blas import ssyrk
-
         common = columns @ (self.level_std * self.per_error.ravel())
-        upper = ssyrk(1.0, columns.T, trans=1)
-        gram = upper + upper.T
-        np.fill_diagonal(gram, upper.diagonal())
+        gram = columns @ columns.T
         gram -= np.outer(common, common) * np.float32(self._level_gain)
         return gram
 
@@ -214,8 +210,8 @@ class Whitener:
 class LinearisedBrightnessProblem:
     """The quadratic programme ½ xᵀHx − bᵀx that results from linearising about guessed heights of the skin.
 
-    The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y, as
-    far as they differ from those that the pressure brings with it.
+    The unknowns x are the pressure on each cell of the contact region, then the weights of the shear modes along x and along y. The
+    prior expects the weights that the pressure brings with it.
     """
 
     kernels: InfluenceKernels
@@ -256,19 +252,21 @@ class LinearisedBrightnessProblem:
         of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        carried, modes = self.carries[row, col], self.carried_shear
-        between = self.kernels.tangential_between_cells(row, col)
-        step = max(float(carried.max()) / self.growth_steps, 1e-9)
-        weights = np.zeros((2, modes.shape[1], len(row)))
+        order = np.argsort(
+            -self.carries[row, col]
+        )  # so that the cells that are in contact at a level are the first ones
+        carried, modes = self.carries[row, col][order], self.carried_shear[order].T
+        between = self.kernels.tangential_between_cells(row[order], col[order])
+        step = max(float(carried[0]) / self.growth_steps, 1e-9)
+        weights = np.zeros((2, *modes.shape))
         for level in range(self.growth_steps):
             above = carried - level * step
-            held = above > 0
-            if held.any():
-                part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
-                holding = _holding_weights(modes[held], between[:, :, held], held) * part
-                weights += modes[held].T @ modes[held] @ holding
-        weights = np.linalg.solve(_damped(modes.T @ modes), weights)
-        return (self.sticking_part * np.concatenate(list(weights)).T).astype(np.float32)
+            held = modes[:, above > 0]
+            part = np.clip(above, 0, step) / np.maximum(carried, 1e-9)
+            weights += (held @ held.T) @ _holding_weights(held, between) * part
+        sticking = np.empty((len(row), 2 * len(modes)), np.float32)
+        sticking[order] = np.linalg.solve(_damped(modes @ modes.T), weights).reshape(-1, len(row)).T
+        return sticking * np.float32(self.sticking_part)
 
     @cached_property
     def jacobian(self) -> Float32[Array, "unknowns cells"]:
@@ -282,20 +280,19 @@ class LinearisedBrightnessProblem:
             for total, each in zip(sheared, shear, strict=True):
                 total += self.carried_shear[batch].T @ each.reshape(len(each), -1)
         jacobian[count:] = self._signal_of_heights(sheared.reshape(2 * modes, *self.kernels.skin_shape))
-        jacobian[:count] += self.sticking_weights @ jacobian[count:]
         return jacobian
 
     @cached_property
     def curvature(self) -> Float64[Array, "unknowns unknowns"]:
         """H: the curvature of the misfit plus that of the prior."""
         row, col = self.contact_cells
-        count, curvature = len(row), self.whitener.gram(self.jacobian).astype(float)
-        for batch in self._batches:
-            between = self.prior.pressure_precision(row[batch], col[batch])
-            curvature[batch, :count] += between[:, row, col] / self.strain**2
-        weights = np.arange(count, len(curvature))
-        curvature[weights, weights] += 1
-        return curvature
+        count, brought, curvature = len(row), self.sticking_weights, self.whitener.gram(self.jacobian)
+        curvature[:count, :count] += self.prior.pressure_precision(row, col) * np.float32(1 / self.strain**2)
+        curvature[:count, :count] += brought @ brought.T
+        curvature[:count, count:] -= brought
+        curvature[count:, :count] -= brought.T
+        np.einsum("ii->i", curvature)[count:] += 1
+        return curvature.astype(float)
 
     def negative_gradient(self, residual: View) -> Float64[Array, " unknowns"]:
         """Return b for a residual (r): Jᵀ times the whitened residual."""
@@ -314,10 +311,8 @@ class LinearisedBrightnessProblem:
         row, col = self.contact_cells
         modes = self.carried_shear.shape[1]
         tractions = np.zeros((3, *self.region.shape), np.float32)
-        pressure, weights = unknowns[: len(row)], unknowns[len(row) :]
-        tractions[0, row, col] = pressure
-        weights = weights + pressure @ self.sticking_weights
-        tractions[1:, row, col] = weights.reshape(2, modes) @ self.carried_shear.T
+        tractions[0, row, col] = unknowns[: len(row)]
+        tractions[1:, row, col] = unknowns[len(row) :].reshape(2, modes) @ self.carried_shear.T
         return tractions
 
     def newton_decrement(self, solution: QPSolution, residual: View) -> float:
@@ -347,17 +342,17 @@ class LinearisedBrightnessProblem:
 
 
 def _holding_weights(
-    modes: Float32[Array, "held modes"], between: Float32[Array, "2 3 held n"], held: Bool[Array, " n"]
+    modes: Float32[Array, "modes held"], between: Float32[Array, "5 n n"]
 ) -> Float64[Array, "2 modes n"]:
     """Return the weights of shear modes, along x and along y, that hold the skin of some cells under unit pressure on each cell.
 
-    They are those of the least elastic energy, as Galerkin's method finds them.
+    They are those of the least elastic energy, as Galerkin's method finds them. The cells that are held are the first ones.
     """
-    (by_pressure_x, xx, xy), (by_pressure_y, _, yy) = between
-    pushed = np.concatenate([modes.T @ by_pressure_x, modes.T @ by_pressure_y])
-    xx, xy, yy = (modes.T @ displacement[:, held] @ modes for displacement in (xx, xy, yy))
-    stiff = np.block([[xx, xy], [xy.T, yy]])
-    return -np.linalg.solve(_damped(stiff), pushed).reshape(2, modes.shape[1], -1)
+    held = modes.shape[1]
+    pushed = np.concatenate(list(modes @ between[:2, :held]))
+    xx, xy, yy = modes @ between[2:, :held, :held] @ modes.T
+    stiff = np.concatenate([np.concatenate(row, axis=1) for row in ((xx, xy), (xy.T, yy))])
+    return -np.linalg.solve(_damped(stiff), pushed).reshape(2, len(modes), -1)
 
 
 def _damped(gram: Float32[Array, "n n"]) -> Float64[Array, "n n"]:

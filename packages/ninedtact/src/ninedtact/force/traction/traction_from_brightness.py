@@ -68,7 +68,7 @@ class SolverSettings:
     """Largest number of linear solves for each quadratic programme."""
     target_decrement: float = 0.5
     """Newton decrement, in standard deviations of any sum of the unknowns, below which the iteration may end."""
-    target_change: float = 0.06
+    target_change: float = 0.04
     """Change of the pressure, relative to its sum, below which the iteration may end: shear is carried by the pressure of the
     iteration before."""
     max_warm_decrement: float = 2.0
@@ -87,6 +87,8 @@ class InitialGuess:
     skin: DeformedSkin
     misfit: float = 1.0
     iterations: int = 0
+    predicted: View | None = None
+    """The observed signal of this skin, where it is known."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ class InversionResult:
     problem: LinearisedBrightnessProblem
     """The problem as linearised in the last iteration."""
     solution: QPSolution
+    predicted: View
+    """The observed signal of this skin."""
     misfit: float
     """Root mean square of the residual over its standard deviation; at least one."""
     newton_decrement: float
@@ -135,7 +139,7 @@ class TractionInversion:
         iterations from it stay farther from convergence than it: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            guess = replace(self._guess_after(last), iterations=0)
+            guess = replace(self._guess_after(last), iterations=0, predicted=None)
             result = self._converge(observation, region, guess, self.solver.max_warm_iterations, last.step)
             nearest = max(_WARM_SLACK * self._warm_distance(last), 1.0)
             if self._warm_distance(result) <= nearest and result.newton_decrement <= self.solver.max_trusted_decrement:
@@ -176,18 +180,20 @@ class TractionInversion:
 
     def _guess_after(self, result: InversionResult) -> InitialGuess:
         """Return the guess a step of the way to a result from the tractions about which it was linearised."""
-        tractions, skin = result.tractions, result.skin
+        tractions, skin, predicted = result.tractions, result.skin, result.predicted
         if result.step < 1:
             about = result.linearised_about
             tractions = about + np.float32(result.step) * (tractions - about)
-            skin = self.forward.deform(tractions)
-        return InitialGuess(tractions, skin, result.misfit, result.iterations)
+            skin, predicted = self.forward.deform(tractions), None
+        return InitialGuess(tractions, skin, result.misfit, result.iterations, predicted)
 
     def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
         """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
         problem, sight = self._linearise(observation, region, guess), observation.sight
-        constant = self.forward.observed_change(self.law, guess.skin, sight)
-        constant -= self.forward.scatter(problem.slope * guess.skin.linear_mm)
+        constant = guess.predicted
+        if constant is None:
+            constant = self.forward.observed_change(self.law, guess.skin, sight)
+        constant = constant - self.forward.scatter(problem.slope * guess.skin.linear_mm)
         programme = problem.quadratic_programme(observation.change - constant)
         free = problem.initially_free(guess.tractions[0])
         solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
@@ -201,6 +207,7 @@ class TractionInversion:
             guess.tractions,
             problem,
             solution,
+            predicted,
             self._misfit(observation, predicted),
             problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf,
             _change(tractions, guess.tractions, problem.sticking_part),
@@ -213,7 +220,7 @@ class TractionInversion:
         """Return the problem linearised about the guessed skin."""
         depth_mm = max(float(np.sqrt((observation.z_mm[region > 0] ** 2).mean())), MIN_PRIOR_DEPTH_MM)
         strain = depth_mm / self.forward.gel.thickness_mm
-        slope = self.law.slope_per_mm(guess.skin.thickness_change_mm)
+        slope = self.forward.slope_per_mm(self.law.slope_per_mm, guess.skin)
         width_px = self.prior.smooth_mm / self.forward.cells.pitch_mm
         carries = np.asarray(cv2.GaussianBlur(guess.tractions[0] * region, (0, 0), width_px) * region)
         power = np.maximum(carries, 0) ** np.float32(CARRYING_EXPONENT)
@@ -361,6 +368,4 @@ def _wrench_operator(problem: LinearisedBrightnessProblem) -> Float64[Array, "6 
     common, turned_x, turned_y = (row[None] @ carried for row in (one, -y / 1e3, x / 1e3))
     along_x = np.concatenate([common, none, none, none, none, turned_x])
     along_y = np.concatenate([none, common, none, none, none, turned_y])
-    sheared = np.concatenate([along_x, along_y], axis=1)
-    pressed += sheared @ problem.sticking_weights.T
-    return np.concatenate([pressed, sheared], axis=1) * cells.patch.cell_area_mm2
+    return np.concatenate([pressed, along_x, along_y], axis=1) * cells.patch.cell_area_mm2
