@@ -203,7 +203,10 @@ class CalibrateCommand:
             )
         _require_kept_lens(self.settings, folder)
         is_ball_given = self.ball_radius_mm is not None or given.ball.radius_mm != standard.ball.radius_mm
-        design = self._with_given_lengths(replace(kept, ball=given.ball if is_ball_given else kept.ball))
+        is_flat_end_given = self._given_design.flat_end != standard.flat_end
+        ball = given.ball if is_ball_given else kept.ball
+        flat_end = self._given_design.flat_end if is_flat_end_given else kept.flat_end
+        design = self._with_given_lengths(replace(kept, ball=ball, flat_end=flat_end))
         smoothing = None if self.settings.smoothing == CalibrationSettings().smoothing else self.settings.smoothing
         made = repeat_calibration(folder, self.settings.method, images, design, on_step, smoothing)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
@@ -226,17 +229,21 @@ class CalibrateCommand:
 
     @property
     def resolved_design(self) -> SensorDesign:
-        """The design with the ball radius that was given; raises `InputError` and what `read_design_file` raises."""
-        design = self.design
-        if self.design_file is not None:
-            if design != SensorDesign():
-                raise InputError(
-                    expected=f"--design {self.design_file} or single --design.… options",
-                    got="both",
-                    remedy="write them into the file",
-                )
-            design = read_design_or_default(self.design_file)
-        return self._with_given_lengths(design)
+        """The design with the lengths that were given; raises `InputError` and what `read_design_file` raises."""
+        return self._with_given_lengths(self._given_design)
+
+    @property
+    def _given_design(self) -> SensorDesign:
+        """The design by its file or its single options; raises what `resolved_design` raises."""
+        if self.design_file is None:
+            return self.design
+        if self.design != SensorDesign():
+            raise InputError(
+                expected=f"--design {self.design_file} or single --design.… options",
+                got="both",
+                remedy="write them into the file",
+            )
+        return read_design_or_default(self.design_file)
 
     def _with_given_lengths(self, design: SensorDesign) -> SensorDesign:
         """Return a design with the lengths of ball, second ball and flat end that were given."""
@@ -325,8 +332,7 @@ class CalibrateCommand:
     def _require_flat_end_lengths(self) -> None:
         """Raise `InputError` unless radius and depth of the flat end are given, as options or by the design."""
         given = [self.flat_end_radius_mm, self.flat_end_depth_mm]
-        design = replace(self, flat_end_radius_mm=None, flat_end_depth_mm=None).resolved_design
-        if None in given and design.flat_end == SensorDesign().flat_end:
+        if None in given and self._given_design.flat_end == SensorDesign().flat_end:
             got = "the radius" if given[0] is not None else "the depth" if given[1] is not None else "neither"
             raise InputError(
                 expected="--flat-end-radius-mm and --flat-end-depth-mm beside an image of a flat end",
