@@ -114,12 +114,17 @@ def test_a_torque_without_a_stated_error_is_that_of_the_motion() -> None:
 
 
 def test_pressure_that_bears_no_torque_tells_nothing() -> None:
-    """On a single cell, and where the object is seen to have left the skin that is pressed."""
+    """On a single cell, under a load that is not known, and where the object is seen to have left the skin that is pressed."""
     cell = np.zeros((29, 37), np.float32)
     cell[14, 18] = PRESSURE_MPA
     point = Traction(cell, np.zeros((2, 29, 37), np.float32), 0.6)
     assert CarriedSkin().update(turned(0.0), point, 0.5) is None
     skin, pressed = CarriedSkin(), disc_at(RigidMotion(), Gel())
+    unknown = replace(pressed, pressure_mpa=pressed.pressure_mpa * np.float32(np.nan))
+    assert skin.update(turned(0.0), unknown, 0.5) is None
     assert skin.update(turned(0.0), pressed, 0.5) is not None
+    assert skin.update(turned(0.0), unknown, 0.5) is None
+    found = skin.update(turned(0.1), pressed, 0.5)
+    assert found is not None and found.torque_nm > 0
     gone = replace(turned(0.0), motion=RigidMotion(translation_mm=np.array([60.0, 0.0, 0.0])))
     assert skin.update(gone, pressed, 0.5) is None

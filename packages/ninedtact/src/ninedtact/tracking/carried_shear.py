@@ -134,7 +134,7 @@ class CarriedSkin:
         Where another path begins meanwhile, the skin is as the last one left it.
         friction: coefficient; not a number where it is not known.
         """
-        if not motion.is_known or not motion.std[5] < _SEEN_STD_RAD or not traction.pressure_mpa.any():
+        if not motion.is_known or not motion.std[5] < _SEEN_STD_RAD or not traction.pressure_mpa.max() > 0:
             return None
         moved, is_first = motion.motion, self._last is None
         if self._last is None or self._shear is None:
