@@ -273,8 +273,13 @@ def test_a_recording_never_overwrites_and_is_missed_in_words(tmp_path: Path) -> 
             pass
     assert path.read_bytes() == before
     os.mkfifo(tmp_path / "pipe.mcap")
-    for path, kind in ((tmp_path / "pipe.mcap", "a pipe or device"), (tmp_path, "a folder")):
-        with pytest.raises(CameraError, match=f"got {kind}; give a file"):
+    (empty := tmp_path / "empty").mkdir()
+    for path, said in (
+        (tmp_path / "pipe.mcap", "a pipe or device; give a file"),
+        (empty, "a folder; give a file"),
+        (tmp_path, "a folder; give the file in it, .*there.mcap"),
+    ):
+        with pytest.raises(CameraError, match=f"got {said}"):
             Recording(path)
 
 

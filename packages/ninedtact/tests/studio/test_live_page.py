@@ -53,7 +53,7 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
         wait_until(lambda: served.refresh() and served.server.drawn_moments.last(name) > 2)
         assert len(untouched) == 2 and tab.locator("canvas").count() > 0
         camera.level = 75
-        until_shown("live, ", "1.00 mm", "centre at x 0, y 0 mm")
+        until_shown("live, ", "1.00 mm", "centre at x 0.0, y 0.0 mm")
         assert not set(untouched) & set(images())
         first_reference = sensor.current_depth_reader
         open_panel(tab, "Sensor")

@@ -55,7 +55,8 @@ def test_the_slip_lamp_says_how_much_sticks_and_is_out_where_nothing_touches() -
         followed_object_html(one, False)
         for one in (FollowedObject(), FollowedObject(0, SlipEstimate(SlipState.INCIPIENT), path))
     )
-    assert "sticks" not in dark and "&#9679;" not in dark
+    assert "incipient" not in dark and dark.count("\N{EN DASH}") == 4 and 'color:transparent">&#9679;' in dark
+    assert "color:transparent" not in lit
     for text in ("incipient", "&#9679;", "+0.50", "\N{MINUS SIGN}0.10", "+12.3 ± 0.5°", "34%"):
         assert text in lit
     assert "true" not in lit

@@ -12,6 +12,7 @@ from ninedtact.mechanics.indenter import Indenter
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame
 from ninedtact.reading import Reading, read_frame
+from ninedtact.shape.contacts import find_contacts
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.objects.height_fields import CoordinateGrid
 from ninedtact.simulation.press import Press
@@ -72,7 +73,7 @@ def test_a_contact_has_the_outline_and_orientation_of_what_touches(press: Presse
 
 def test_nothing_touches_no_contact(press: Presser) -> None:
     _, reading = press(indenter_from_name("ball:4"), Pose(depth_mm=-1.0), None, 0)
-    assert reading.contacts == ()
+    assert reading.contacts == find_contacts(reading.height, np.zeros_like(reading.contact), reading.force) == ()
     nothing = ContactTracker().update(reading)
     assert nothing.contacts == nothing.slips == () and nothing.slip.state == SlipState.UNKNOWN
 

@@ -169,7 +169,7 @@ def calibrate_simulated_sensor(folder: Path, name: str, member: SampledSensor) -
 def _load_calibrated_sensor(folder: Path) -> DatasetSensorCalibration:
     sensor = load_sensor(folder)
     digest = sha256((folder / SENSOR_FILE).read_bytes()).hexdigest()
-    scales = dict(read_force_scales(folder).scales)
-    if sensor.gel_force_scale is not None:
-        scales[TractionForce.name] = sensor.gel_force_scale
+    scales, of_gel = dict(read_force_scales(folder).scales), sensor.gel_force_scale
+    if of_gel is not None and (of_gel.presses or TractionForce.name not in scales):
+        scales[TractionForce.name] = of_gel
     return DatasetSensorCalibration(sensor.shape, sensor.gel, digest, tuple(scales.items()))

@@ -237,16 +237,18 @@ def apply_sensor_force_scale(
 ) -> ScaledForceEstimator:
     """Return an estimator with the force scale of a sensor folder, `UNCALIBRATED` where there is none.
 
-    of_gel: the error of modulus and base that known loads determined for the gel with which the estimator computes.
+    of_gel: the error of modulus and base of the gel with which the estimator computes: as known loads left it, which counts before
+    the folder's scale, or as the ball of the calibration did, which counts where the folder has none.
 
     A scale that was fitted to another model of the same name is not used, and a notice says so. Raises `FileFormatError`.
     """
-    if of_gel is not None:
+    if of_gel is not None and of_gel.presses:
         return ScaledForceEstimator(estimator, of_gel)
     found = read_force_scales(sensor)
     notices = [_EDITED_NOTICE] if found.is_edited else []
-    scale = select_force_scale(estimator, found.scales)
-    if scale is UNCALIBRATED and estimator.name in found.scales:
+    without_loads = of_gel or UNCALIBRATED
+    scale = select_force_scale(estimator, found.scales, without_loads)
+    if scale is without_loads and estimator.name in found.scales:
         notices.append(
             f"the force scale in {sensor / FORCE_SCALE_FILE} belongs to another model named {estimator.name!r} and is not used; "
             "run 'ninedtact adapt' with this model"
@@ -254,10 +256,12 @@ def apply_sensor_force_scale(
     return ScaledForceEstimator(estimator, scale, tuple(notices))
 
 
-def select_force_scale(estimator: ForceEstimator, scales: Mapping[str, ForceScale]) -> ForceScale:
-    """Return the scale that was fitted to this estimator and its model, `UNCALIBRATED` where there is none."""
+def select_force_scale(
+    estimator: ForceEstimator, scales: Mapping[str, ForceScale], without_loads: ForceScale = UNCALIBRATED
+) -> ForceScale:
+    """Return the scale that was fitted to this estimator and its model, another one where there is none."""
     scale = scales.get(estimator.name)
-    return UNCALIBRATED if scale is None or scale.model_sha256 != estimator.model_sha256 else scale
+    return without_loads if scale is None or scale.model_sha256 != estimator.model_sha256 else scale
 
 
 def write_force_scale(sensor: Path, estimator: ForceEstimator, adaptation: ForceScale) -> Path:

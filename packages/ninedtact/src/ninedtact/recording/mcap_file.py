@@ -333,7 +333,7 @@ def _open_file(path: Path) -> BinaryIO:
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "a pipe or device"
         remedy = "give a file, because it is read more than once"
-        if path.is_dir() and (inside := sorted(path.glob("*.mcap"))):
+        if path.is_dir() and (inside := sorted(filter(Path.is_file, path.glob("*.mcap")))):
             remedy = f"give the file in it, {inside[0]}"
         raise CameraError(expected=f"a recording at {path}", got=kind, remedy=remedy)
     try:

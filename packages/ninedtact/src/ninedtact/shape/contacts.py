@@ -74,6 +74,8 @@ class _Part:
 def _find_parts(height: HeightMap, contact: Bool[Array, "rows cols"]) -> list[_Part]:
     """Return the connected parts that are large enough, the largest first."""
     left, top, width, high = cv2.boundingRect(contact.view(np.uint8))
+    if not width:  # OpenCV ends the process at an empty image
+        return []
     touched = contact[top : top + high, left : left + width].view(np.uint8)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(touched, connectivity=8, ltype=cv2.CV_16U)
     parts = []
