@@ -19,7 +19,7 @@ from figures import Figure, answer, at_most, holds
 from ninedtact import CalibrationImages, SensorDesign, calibrate
 from ninedtact.calibration.ball.ball_press import find_ball_press
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable
-from ninedtact.calibration.ball.second_press import SecondPress, find_second_presses
+from ninedtact.calibration.ball.second_press import ObjectPress, find_second_presses
 from ninedtact.calibration.board.board_fit import build_rectification, fit_board
 from ninedtact.calibration.procedure import second_image_names
 from ninedtact.calibration.second_press_plan import CandidatePress, KnownPress, errors_with_candidate
@@ -149,7 +149,7 @@ def depths(who: SampledSensor, design: SensorDesign, rng: np.random.Generator, q
         design, alone.press, alone.light, alone.uncertainty.effective_observations, alone.image_rmse_grey_levels
     )
 
-    def depth_with(some: tuple[SecondPress, ...]) -> DepthFound:
+    def depth_with(some: tuple[ObjectPress, ...]) -> DepthFound:
         whole = fit if len(some) == len(seconds) else None
         one = alone if not some else whole or fit_twin_to_ball_press(press, design, priors, further=some)
         planned_mm = planned_error_mm(known, some[0], one) if len(some) == 1 else None
@@ -174,7 +174,7 @@ def without_unusable(images: CalibrationImages, rectify: Rectification, design: 
     return images
 
 
-def planned_error_mm(known: KnownPress, second: SecondPress, fit: TwinFit) -> float:
+def planned_error_mm(known: KnownPress, second: ObjectPress, fit: TwinFit) -> float:
     """The ± of the first ball's depth with a second press, as it is planned."""
     candidate = CandidatePress.of(second.object, fit.further[0].press.depth_mm)
     return errors_with_candidate(known, candidate).depth_mm

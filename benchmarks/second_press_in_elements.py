@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 
 from ninedtact import SensorDesign
 from ninedtact.calibration.ball.ball_press import BallPress, find_usable_contact_circle
-from ninedtact.calibration.ball.second_press import PressedFlatEnd, SecondPress
+from ninedtact.calibration.ball.second_press import ObjectPress, PressedFlatEnd
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.design import FlatEndGauge, rectified_grid_of_design
 from ninedtact.mechanics.indenter import Ball, FlatPunch
@@ -54,7 +54,7 @@ def fits(ratio: float, element_mm: float) -> tuple[TwinFit, TwinFit]:
     before = replace(ball_image, grey=np.full_like(ball_image.grey, GREY))
     circle = find_usable_contact_circle(before, ball_image, DESIGN.ball, "physics")
     press, pressed = BallPress(before, ball_image, circle, DESIGN.ball), PressedFlatEnd(gauge)
-    second = SecondPress(before, flat_image, pressed.find_contact(before, flat_image, "physics"), pressed)
+    second = ObjectPress(before, flat_image, pressed.find_contact(before, flat_image, "physics"), pressed)
     return fit_twin_to_ball_press(press, DESIGN), fit_twin_to_ball_press(press, DESIGN, further=(second,))
 
 

@@ -74,7 +74,7 @@ def measure_light(source: FrameSource, references: Sequence[Frame]) -> Float[Arr
     is_lit = reference > MIN_LIT_GREY_LEVEL
     if not images or not is_lit.any():
         return np.ones(len(images))
-    light = common_factor(np.array([image[is_lit] for image in images], float) / reference[is_lit])
+    light = common_factor(np.array([image[is_lit] for image in images]) / reference[is_lit])
     return light if noise_by_second_differences(light, axis=0) > _LEAST_FLICKER else np.ones(len(images))
 
 

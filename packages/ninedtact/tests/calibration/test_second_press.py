@@ -240,6 +240,8 @@ def test_a_second_ball_that_cannot_be_used_is_named(
     four = ["--out", str(tmp_path / "new"), "--images", str(images)]
     out = ["--out", str(tmp_path / "new")]
     board = ["--board-reference", str(images / "board_reference.png"), "--board", str(images / "board.png")]
+    kept = ["--out", str(with_second_ball.path)]
+    ball = ["--ball-reference", str(images / "ball_reference.png"), "--ball", str(images / "ball.png")]
     flat = ["--flat-end", str(images / "ball.png")]
     for options, said in (
         ([*four, "--method", "ratio"], "the method physics for a second ball"),
@@ -254,6 +256,7 @@ def test_a_second_ball_that_cannot_be_used_is_named(
         ([*four, *flat, "--flat-end-radius-mm", "3"], "got the radius alone; measure the rod"),
         ([*four, *flat, "--flat-end-radius-mm", "14", "--flat-end-depth-mm", "0.6"], "flat_end.radius_mm"),
         ([*four, *flat, "--flat-end-radius-mm", "3", "--flat-end-depth-mm", "2"], "at most 1.8 mm deep"),
+        ([*kept, *ball, *flat, "--design.flat-end.depth-mm", "2"], "at most 1.8 mm deep"),
         ([*four, "--with-flat-end"], "give the image with --flat-end"),
         ([*out, "--source", "sim", *flat], "--with-flat-end beside --source"),
     ):

@@ -173,6 +173,7 @@ def test_rate_and_gaps_are_those_of_the_stamps(purpose: str, tmp_path: Path) -> 
     else:  # images that were selected have no rate
         assert images.rate_hz is images.gaps is None
     assert usual_rate_hz(np.array([0, 20_000_000])) == pytest.approx(50)
+    assert usual_rate_hz(np.array([0, 20_000_000, 900_000_000])) == pytest.approx(50)
     milliseconds = np.rint(np.arange(40) * 1e3 / 60).astype(np.int64) * 1_000_000
     for times in (milliseconds, np.delete(milliseconds, [7, 8, 20])):
         assert usual_rate_hz(times) == pytest.approx(60, rel=0.005)

@@ -127,7 +127,7 @@ def test_the_terminal_guides_through_the_presses_of_a_simulated_sensor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "ninedtact.cli.calibrate.simulated_calibration_camera",
+        "ninedtact.cli.guided_capture.simulated_calibration_camera",
         lambda design: PluggedCamera(TWIN, design, rate_hz=60.0),
     )
     images = CalibrateCommand(tmp_path / "s", source="sim").obtain_images()

@@ -103,3 +103,28 @@ def test_the_torque_of_an_image_that_hides_it_is_replaced_and_of_one_without_a_t
     assert found.wrench.torque_nm[2] == pytest.approx(8e-3, rel=0.1) and found.std[5] < 1.1e-3
     assert found.wrench.six[:5] == pytest.approx(estimate.wrench.six[:5], abs=0.005)
     assert still.correct(estimate).std[5] < 5e-4 and abs(still.correct(estimate).wrench.torque_nm[2]) < 1e-4
+
+
+def test_a_torque_without_a_stated_error_is_that_of_the_motion() -> None:
+    unstated = WrenchEstimate(
+        Wrench(np.array([0.0, 0.0, -5.0]), np.zeros(3)), np.diag(np.full(6, np.inf)), touching=True
+    )
+    twisted = follow([0.0, 0.6], Gel())[-1]
+    assert twisted.correct(unstated).wrench.torque_nm[2] == pytest.approx(twisted.torque_nm, rel=1e-3)
+
+
+def test_pressure_that_bears_no_torque_tells_nothing() -> None:
+    """On a single cell, under a load that is not known, and where the object is seen to have left the skin that is pressed."""
+    cell = np.zeros((29, 37), np.float32)
+    cell[14, 18] = PRESSURE_MPA
+    point = Traction(cell, np.zeros((2, 29, 37), np.float32), 0.6)
+    assert CarriedSkin().update(turned(0.0), point, 0.5) is None
+    skin, pressed = CarriedSkin(), disc_at(RigidMotion(), Gel())
+    unknown = replace(pressed, pressure_mpa=pressed.pressure_mpa * np.float32(np.nan))
+    assert skin.update(turned(0.0), unknown, 0.5) is None
+    assert skin.update(turned(0.0), pressed, 0.5) is not None
+    assert skin.update(turned(0.0), unknown, 0.5) is None
+    found = skin.update(turned(0.1), pressed, 0.5)
+    assert found is not None and found.torque_nm > 0
+    gone = replace(turned(0.0), motion=RigidMotion(translation_mm=np.array([60.0, 0.0, 0.0])))
+    assert skin.update(gone, pressed, 0.5) is None

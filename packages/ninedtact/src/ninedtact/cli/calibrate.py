@@ -6,11 +6,10 @@ images, says what it detects, and continues once it has what it needs.
 """
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
-from shlex import quote
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,10 +20,9 @@ from ninedtact.calibration.settings import CalibrationSettings
 from ninedtact.cli.calibration_page import (
     CalibrationPageOptions,
     GuidedPages,
-    simulated_calibration_camera,
 )
+from ninedtact.cli.guided_capture import capture_guided_images, keep_images_of_failure
 from ninedtact.cli.result_and_interrupt import (
-    StatusLine,
     StepLine,
     calibration_json_dict,
     format_calibration,
@@ -42,14 +40,11 @@ from ninedtact.cli.shared_options import (
     read_design_or_default,
 )
 from ninedtact.design import SECOND_KINDS, SecondKind, SensorDesign
-from ninedtact.errors import CameraError, InputError, NinedtactError, OutputError
-from ninedtact.source_addresses import is_twin_address, source_for
+from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
-    from ninedtact.calibration.guidance import CaptureStep
     from ninedtact.calibration.procedure import Calibration, CalibrationImages
     from ninedtact.calibration.sensor_folder import SensorFolder
-    from ninedtact.capture.frame_source import CameraSettings, FrameSource
     from ninedtact.quantities import BgrImage
 
 _IMAGE_NAMES = ("board_reference", "board", "ball_reference", "ball")
@@ -154,7 +149,7 @@ class CalibrateCommand:
         from ninedtact.calibration.save import save_sensor
 
         taken: dict[str, BgrImage] = {}
-        with StepLine() as line, TemporaryDirectory() as scratch, _keep_images_of_failure(self.out, taken):
+        with StepLine() as line, TemporaryDirectory() as scratch, keep_images_of_failure(self.out, taken):
             try:
                 made = self._calibrate(self.obtain_images(taken), Path(scratch), line.show)
             except BoardNotFound as refusal:
@@ -203,7 +198,10 @@ class CalibrateCommand:
             )
         _require_kept_lens(self.settings, folder)
         is_ball_given = self.ball_radius_mm is not None or given.ball.radius_mm != standard.ball.radius_mm
-        design = self._with_given_lengths(replace(kept, ball=given.ball if is_ball_given else kept.ball))
+        is_flat_end_given = self._given_design.flat_end != standard.flat_end
+        ball = given.ball if is_ball_given else kept.ball
+        flat_end = self._given_design.flat_end if is_flat_end_given else kept.flat_end
+        design = self._with_given_lengths(replace(kept, ball=ball, flat_end=flat_end))
         smoothing = None if self.settings.smoothing == CalibrationSettings().smoothing else self.settings.smoothing
         made = repeat_calibration(folder, self.settings.method, images, design, on_step, smoothing)
         return replace(made, record=structs.replace(made.record, id=self.id or folder.id))
@@ -226,17 +224,21 @@ class CalibrateCommand:
 
     @property
     def resolved_design(self) -> SensorDesign:
-        """The design with the ball radius that was given; raises `InputError` and what `read_design_file` raises."""
-        design = self.design
-        if self.design_file is not None:
-            if design != SensorDesign():
-                raise InputError(
-                    expected=f"--design {self.design_file} or single --design.… options",
-                    got="both",
-                    remedy="write them into the file",
-                )
-            design = read_design_or_default(self.design_file)
-        return self._with_given_lengths(design)
+        """The design with the lengths that were given; raises `InputError` and what `read_design_file` raises."""
+        return self._with_given_lengths(self._given_design)
+
+    @property
+    def _given_design(self) -> SensorDesign:
+        """The design by its file or its single options; raises what `resolved_design` raises."""
+        if self.design_file is None:
+            return self.design
+        if self.design != SensorDesign():
+            raise InputError(
+                expected=f"--design {self.design_file} or single --design.… options",
+                got="both",
+                remedy="write them into the file",
+            )
+        return read_design_or_default(self.design_file)
 
     def _with_given_lengths(self, design: SensorDesign) -> SensorDesign:
         """Return a design with the lengths of ball, second ball and flat end that were given."""
@@ -283,7 +285,7 @@ class CalibrateCommand:
         self._require_one_way_of_second_presses()
         ways = [bool(given), self.images is not None, self.source is not None]
         if sum(ways) == 1 and self.source is not None and self.from_import is None:
-            return _capture_guided_images(
+            return capture_guided_images(
                 self.source,
                 self.resolved_design,
                 self.settings,
@@ -325,8 +327,7 @@ class CalibrateCommand:
     def _require_flat_end_lengths(self) -> None:
         """Raise `InputError` unless radius and depth of the flat end are given, as options or by the design."""
         given = [self.flat_end_radius_mm, self.flat_end_depth_mm]
-        design = replace(self, flat_end_radius_mm=None, flat_end_depth_mm=None).resolved_design
-        if None in given and design.flat_end == SensorDesign().flat_end:
+        if None in given and self._given_design.flat_end == SensorDesign().flat_end:
             got = "the radius" if given[0] is not None else "the depth" if given[1] is not None else "neither"
             raise InputError(
                 expected="--flat-end-radius-mm and --flat-end-depth-mm beside an image of a flat end",
@@ -398,69 +399,3 @@ def _require_kept_lens(settings: CalibrationSettings, folder: "SensorFolder") ->
             got=f"{' and '.join(refused)}",
             remedy="leave that out, or give the images of the board as well",
         )
-
-
-def _capture_guided_images(
-    source: str,
-    design: SensorDesign,
-    settings: CalibrationSettings,
-    camera_settings: "CameraSettings",
-    taken: "dict[str, BgrImage]",
-    second: tuple[SecondKind, ...],
-) -> "CalibrationImages":
-    """Take the images with a camera into `taken`; raises what the camera raises, and `CameraError` for a
-    recording."""
-    from ninedtact.calibration.guidance import guided_capture_steps
-    from ninedtact.calibration.procedure import CalibrationImages
-    from ninedtact.capture.frame_pacing import LatestFrameSource
-
-    status = StatusLine()
-    simulated = simulated_calibration_camera(design) if is_twin_address(source) else None
-    chosen = source_for(source, camera_settings) if simulated is None else simulated
-    with LatestFrameSource(chosen) if chosen.is_live else chosen as camera:
-        for step in guided_capture_steps(design, settings, second):
-            status.print_title(step.instruction)
-            if simulated is not None:
-                simulated.follow(step.name)
-            taken[step.name] = _follow_step(step, camera, taken, status)
-    return CalibrationImages(**taken)
-
-
-@contextmanager
-def _keep_images_of_failure(out: Path, taken: "dict[str, BgrImage]") -> Iterator[None]:
-    """Where the block fails, keep the images of complete presses that a camera has taken, in a folder beside the sensor folder."""
-    from ninedtact.calibration.save import save_images_beside
-
-    try:
-        yield
-    except (NinedtactError, OSError):
-        complete = {
-            name: taken[name]
-            for pair in (_BOARD_NAMES, _BALL_NAMES, *_SECOND_NAMES.values())
-            for name in pair
-            if taken.keys() >= {*pair}
-        }
-        if complete:
-            with suppress(OutputError, OSError):  # the first failure is the one to report
-                kept = save_images_beside(out, complete)
-                again = f"--images {quote(str(kept))} in place of --source"
-                print_notice(f"the images are kept in {kept}; run the command with {again}")
-        raise
-
-
-def _follow_step(
-    step: "CaptureStep", camera: "FrameSource", taken: dict[str, "BgrImage"], status: StatusLine
-) -> "BgrImage":
-    """Watch frames until the step is complete; return the mean of the last few."""
-    watch = step.watch(taken)
-    with status.hold():
-        for frame in camera:
-            advice = watch(frame.image)
-            status.update(advice.sentence)
-            if advice.image is not None:
-                return advice.image
-    raise CameraError(
-        expected=f"images until the step '{step.instruction}' was done",
-        got="the end of the recording",
-        remedy="record it longer",
-    )

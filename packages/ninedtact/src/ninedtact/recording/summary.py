@@ -63,12 +63,12 @@ class RecordingSummary:
 
 
 def usual_rate_hz(stamps_ns: Array) -> float:
-    """Return the usual rate of some stamps, by the mean of their distances near the median; 30 if unknown.
+    """Return the usual rate of some stamps, by the mean of their distances near the lower median; 30 if unknown.
 
     Gaps do not change it. The times of many video formats are whole milliseconds: 60 Hz are 17, 17, 16.
     """
     steps_ns = np.diff(stamps_ns)
-    median_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
+    median_ns = float(np.quantile(steps_ns, 0.5, method="lower")) if len(steps_ns) else 0.0
     usual_ns = float(steps_ns[np.abs(steps_ns - median_ns) <= 0.5 * median_ns].mean()) if median_ns > 0 else 0.0
     return 1e9 / usual_ns if usual_ns > 0 else _DEFAULT_HZ
 

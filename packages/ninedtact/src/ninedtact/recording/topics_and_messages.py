@@ -384,9 +384,9 @@ def _colour_pixels(message: Any) -> UInt8[Array, "rows cols 3"]:
     return np.ascontiguousarray(pixels[..., order])
 
 
-def _pixels(message: Any, encoding: str, kind: np.dtype[Any], channels: int = 1) -> Array:
-    """Return the pixels of an image message; raises `ValueError` for another encoding or number of bytes."""
-    shape = (message.height, message.width, channels)[: 2 + (channels > 1)]
+def _pixels(message: Any, encoding: str, kind: np.dtype[Any]) -> Array:
+    """Return the values of an image message of one channel; raises `ValueError` for another encoding or number of bytes."""
+    shape = message.height, message.width
     if message.encoding != encoding or message.is_bigendian or message.data.nbytes != prod(shape) * kind.itemsize:
         raise ValueError(f"an image of {message.data.nbytes} bytes and encoding {message.encoding[:20]!r}")
     return message.data.view(kind).reshape(shape)

@@ -58,13 +58,12 @@ class SimulatedCalibrationImages:
 def simulate_calibration_images(
     twin: Twin,
     design: SensorDesign = SensorDesign(),
-    first_number: int = 0,
     presses: HandPressImperfections = DEFAULT_PRESSES,
     frames: int = 1,
 ) -> SimulatedCalibrationImages:
     """Return the four calibration images of a twin.
 
-    first_number: picks the noise. frames: number of images that are averaged for each of the four. Gel that is thinner than the
+    frames: number of images that are averaged for each of the four. Gel that is thinner than the
     published one is pressed proportionally less deep.
     """
     settings = CALIBRATION_SOLVER_SETTINGS
@@ -75,7 +74,7 @@ def simulate_calibration_images(
     ball = ball_press.simulate(twin, Ball(design.ball.radius_mm), settings)
     contacts = None, board, None, ball
     drifted = replace(twin.renderer, reference=twin.renderer.reference * np.float32(1 + presses.exposure_drift))
-    numbers = [range(first_number + n * frames, first_number + (n + 1) * frames) for n in range(len(contacts))]
+    numbers = [range(n * frames, (n + 1) * frames) for n in range(len(contacts))]
     return SimulatedCalibrationImages(
         *(
             average_images([(twin.renderer if contact is None else drifted)(contact, number) for number in some])

@@ -100,14 +100,18 @@ def press_trajectory(
     return Trajectory(above, (*segments, TrajectorySegment(lifted, 0.8 / speed), TrajectorySegment(lifted, pause_s)))
 
 
-def concatenate_trajectories(trajectories: Sequence[Trajectory], between_s: float = 0.3) -> Trajectory:
+_BETWEEN_S = 0.3
+"""Time in which an object moves above the skin from one trajectory to the next."""
+
+
+def concatenate_trajectories(trajectories: Sequence[Trajectory]) -> Trajectory:
     """Return one trajectory after the other, joined above the skin; raises `InputError` for none."""
     if not trajectories:
         raise InputError(expected="at least one trajectory", got="none", remedy="give some")
     segments: list[TrajectorySegment] = []
     for trajectory in trajectories:
         if segments:
-            segments.append(TrajectorySegment(trajectory.start, between_s))
+            segments.append(TrajectorySegment(trajectory.start, _BETWEEN_S))
         segments += trajectory.segments
     return Trajectory(trajectories[0].start, tuple(segments))
 

@@ -99,6 +99,7 @@ class ObjectFollower:
         """Follow the object into the next reading; called in the sensor thread."""
         if not self.is_wanted:
             self._tracker, self._found, self._last, self._recent = None, None, FollowedObject(), (FollowedObject(),)
+            self._press = self._first_press = None
             return
         self._tracker = self._tracker or ContactTracker()
         found = self._tracker.update(reading)
@@ -171,7 +172,7 @@ def _shows_place(motion: ObjectMotion) -> bool:
 
 
 def _true_slip(before: Press | None, press: Press | None, since_s: float) -> SlipState:
-    if press is None or before is None or press.indenter is not before.indenter:
+    if press is None or before is None or press.indenter is not before.indenter or since_s <= 0:
         return SlipState.UNKNOWN
     return SlipState(true_slip(before, press, since_s).state)
 

@@ -39,6 +39,8 @@ _USUAL_TWIST = 0.3
 """Torque of a twist for which the errors of single images are stated (`force.hidden_twist`), over load times radius of gyration."""
 _LEAST_TURN = 0.1
 """Torque over load times radius of gyration from which a turn is seen in it."""
+_ANY_TORQUE_NM = 1.0
+"""Standard deviation of a torque without a stated error: more than any that a gel bears."""
 _MARGIN_CELLS, _TOLERANCE_MM, _MAX_ITERATIONS = 8, 2e-3, 60
 
 
@@ -78,6 +80,7 @@ class CarriedShear:
         shown = np.hypot(self.torque_nm, self.torque_std_nm) / (_USUAL_TWIST * self.leverage_nm)
         hidden = np.array([1, 1, 1, 1, 1, min(float(shown), 1.0)])
         covariance, six = np.outer(hidden, hidden) * moved.covariance, moved.wrench.six
+        covariance[5, 5] = min(covariance[5, 5], _ANY_TORQUE_NM**2)
         gain = covariance[:, 5] / (covariance[5, 5] + self.torque_std_nm**2)
         six = six + gain * (self.torque_nm - six[5])
         wrench = replace(moved.wrench, force_n=six[:3], torque_nm=six[3:])
@@ -125,12 +128,13 @@ class CarriedSkin:
         self._last = self._shear = None
 
     def update(self, motion: ObjectMotion, traction: Traction, friction: float) -> CarriedShear | None:
-        """Return what the motion since the contact began tells; None where it is not seen.
+        """Return what the motion since the contact began tells; None where it is not seen, and under less than two cells of
+        pressure, which bear no torque.
 
         Where another path begins meanwhile, the skin is as the last one left it.
         friction: coefficient; not a number where it is not known.
         """
-        if not motion.is_known or not motion.std[5] < _SEEN_STD_RAD or not traction.pressure_mpa.any():
+        if not motion.is_known or not motion.std[5] < _SEEN_STD_RAD or not traction.pressure_mpa.max() > 0:
             return None
         moved, is_first = motion.motion, self._last is None
         if self._last is None or self._shear is None:
@@ -143,6 +147,8 @@ class CarriedSkin:
         carried_mm = before.axes @ _columns(self._shear.displacement_mm) + _columns(now.points_mm - before.points_mm)
         target_mm = (now.axes.T @ carried_mm).reshape(self._shear.displacement_mm.shape)
         pressure_mpa = _sample(traction, now.points_mm)
+        if np.count_nonzero(pressure_mpa) < 2:
+            return None
         limit = FrictionLimit(_friction_coefficients(friction)[:, None, None] * pressure_mpa)
         tolerance_mm = np.full((len(_NODES), 1, 1), _TOLERANCE_MM, np.float32)
         operators = _operators(now.grid, traction.gel)

@@ -29,7 +29,7 @@ from ninedtact.calibration.ball.contact_circle import (
     require_explained_by_ball,
     spherical_cap_height_mm,
 )
-from ninedtact.calibration.ball.second_press import SecondPress
+from ninedtact.calibration.ball.second_press import ObjectPress
 from ninedtact.calibration.brightness_change import relative_brightness, smooth_gaussian
 from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_press
 from ninedtact.calibration.twin.gel_base import KnownBase
@@ -61,7 +61,7 @@ def fit_ball(
     design: SensorDesign,
     method: DepthMethod = "physics",
     smoothing: Smoothing = Smoothing(),
-    further: tuple[SecondPress, ...] = (),
+    further: tuple[ObjectPress, ...] = (),
 ) -> BallFit:
     """Find the contact disc and fit the depth curve; raises `BallPressUnusable`, `CalibrationError`, `FileFormatError`.
 
@@ -81,7 +81,7 @@ def fit_ball_by_physics(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: tuple[BallPressParameters, ...] = (),
-    further: tuple[SecondPress, ...] = (),
+    further: tuple[ObjectPress, ...] = (),
     base: KnownBase | None = None,
 ) -> "TwinBallFit":
     """Fit contact mechanics and light to a press, with priors, initial parameters, further presses and base as for

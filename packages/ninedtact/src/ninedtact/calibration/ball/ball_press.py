@@ -254,7 +254,7 @@ class BallFit(ABC):
 
 
 def simulate_height_noise_mm(
-    reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: BgrImage, noise: float, seed: int = 0
+    reader: Callable[[Rectified], DepthReader], rectify: Rectification, reference: BgrImage, noise: float
 ) -> float:
     """Return the standard deviation of the height when camera noise is added to a uniform darkening half-way down the range.
 
@@ -265,7 +265,7 @@ def simulate_height_noise_mm(
     curve = reader(Rectified(rectify.resample(raw), rectify.mm_per_px)).curve
     half_way = curve.darkening[-1] / 2
     pressed = raw - half_way if curve.signal == "difference" else raw * (1 - half_way)
-    grainy = pressed + np.random.default_rng(seed).normal(0, noise, raw.shape).astype(np.float32)
+    grainy = pressed + np.random.default_rng(0).normal(0, noise, raw.shape).astype(np.float32)
     before, after = (Rectified(rectify.resample(image), rectify.mm_per_px) for image in (raw, grainy))
     read = replace(reader(before), loss=GlobalDimmingModel())
     clean, noisy = (read(image) for image in (Rectified(rectify.resample(pressed), rectify.mm_per_px), after))

@@ -2,7 +2,7 @@
 of a rod that a stop lets in to a known depth. It tells the base of the gel, and so the true depth.
 
 `PressedObject` is the interface of what is pressed. In: the design, and raw images of the skin before each press and under it.
-Out: `SecondPress`, by `find_second_presses`.
+Out: `ObjectPress`, by `find_second_presses`.
 """
 
 from abc import ABC, abstractmethod
@@ -246,8 +246,8 @@ def _darkening_about(
 
 
 @dataclass(frozen=True)
-class SecondPress(RoundPress):
-    """The press of a second object."""
+class ObjectPress(RoundPress):
+    """The press of a ball, or of a flat end, with what is known of it."""
 
     object: PressedObject
 
@@ -271,7 +271,7 @@ def find_second_presses(
     pairs: Mapping[SecondKind, tuple[BgrImage, BgrImage]],
     design: SensorDesign,
     method: DepthMethod,
-) -> tuple[SecondPress, ...]:
+) -> tuple[ObjectPress, ...]:
     """Return the second presses, which are fitted together with that of the ball.
 
     pairs: the raw images of the skin before each object and under it. Raises `BallPressUnusable`, whose message names the object,
@@ -282,7 +282,7 @@ def find_second_presses(
 
 def _find_second_press(
     rectify: Rectification, pair: tuple[BgrImage, BgrImage], pressed: PressedObject, method: DepthMethod
-) -> SecondPress:
+) -> ObjectPress:
     if method != "physics":
         raise InputError(
             expected=f"the method physics for a {pressed.name}, which is fitted together with the first ball",
@@ -296,4 +296,4 @@ def _find_second_press(
         raise BallPressUnusable(
             expected=f"of the {pressed.name} {refusal.expected}", got=refusal.got, remedy=refusal.remedy
         ) from refusal
-    return SecondPress(before, after, circle, pressed.as_pressed(before, after, circle))
+    return ObjectPress(before, after, circle, pressed.as_pressed(before, after, circle))

@@ -150,9 +150,9 @@ def _fit_affine_lens(points_mm: Points, points_px: Points, raw_shape: tuple[int,
     return replace(straight, homography=(*rows.ravel().tolist(), 0.0, 0.0))
 
 
-def _scale_gradient(lens: LensModel, reach_mm: float, step: float = 1e-6) -> Float[Array, " k"]:
+def _scale_gradient(lens: LensModel, reach_mm: float) -> Float[Array, " k"]:
     """Return the derivative of the mm per pixel around the skin centre by each parameter."""
-    base = lens.parameters
+    base, step = lens.parameters, 1e-6
     return np.array(
         [
             (

@@ -242,7 +242,7 @@ SECOND_BALL_CHECKS: tuple[CertificateCheck[SecondPressQuality], ...] = (
     CertificateCheck(
         lambda second: second.stated_deviation,
         CheckLimit(2.0, inf),
-        "within {:g} ±",
+        "within {:g} standard deviations",
         lambda second: (
             f"Second ball: beside the first one, its images are those of a radius of {second.likely_mm:.2f} ± "
             f"{second.likely_std_mm:.2f} mm, stated are {second.stated_mm:g} mm"
@@ -255,7 +255,7 @@ FLAT_END_CHECKS: tuple[CertificateCheck[SecondPressQuality], ...] = (
     CertificateCheck(
         lambda second: second.stated_deviation,
         CheckLimit(2.0, inf),
-        "within {:g} ±",
+        "within {:g} standard deviations",
         lambda second: (
             f"Flat end: beside the ball, its image is that of a depth of {second.likely_mm:.2f} ± {second.likely_std_mm:.2f} mm, "
             f"the stop says {second.stated_mm:.2f} ± {second.stated_std_mm:.2f} mm"

@@ -241,7 +241,7 @@ def _second_press_table_rows(kind: SecondKind, second: SecondPressQuality) -> Ro
         ),
         (
             f"the same with the {name}",
-            f"{second.first_mm:.3f} ± {second.first_std_mm:.3f} mm, {second.first_deviation:.1f} of the ± above away",
+            f"{second.first_mm:.3f} ± {second.first_std_mm:.3f} mm, {second.first_deviation:.1f} standard deviations from that",
         ),
     ]
 

@@ -1,5 +1,5 @@
 """The fit of the digital twin to presses: the pose of every press, the thickness of the gel and its base, and the brightness model
-that explain the whole images, with their uncertainties. In: a `BallPress` of the design's ball, and any number of `SecondPress`, of
+that explain the whole images, with their uncertainties. In: a `BallPress` of the design's ball, and any number of `ObjectPress`, of
 other balls or of flat ends at a known depth, on the same gel. Out: `TwinFit`, from `fit_twin_to_ball_press`.
 
 The residual is not noise but a model error, smooth over millimetres. The number of independent observations is therefore estimated
@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_press import BallPress, RoundPress
-from ninedtact.calibration.ball.second_press import PressedBall, PressedObject, SecondPress
+from ninedtact.calibration.ball.ball_press import BallPress
+from ninedtact.calibration.ball.second_press import ObjectPress, PressedBall, PressedObject
 from ninedtact.calibration.twin.fit_parameters import (
     BASE_INDEX,
     NEARLY_RIGID,
@@ -190,7 +190,7 @@ def fit_twin_to_ball_press(
     design: SensorDesign,
     priors: tuple[ParameterPrior, ...] = (),
     initial: tuple[BallPressParameters, ...] = (),
-    further: tuple[SecondPress, ...] = (),
+    further: tuple[ObjectPress, ...] = (),
     base: KnownBase | None = None,
 ) -> TwinFit:
     """Fit mechanics and light to one press of the design's ball, and to further presses on the same gel together with it.
@@ -199,19 +199,10 @@ def fit_twin_to_ball_press(
     base of the gel, where something else than these images tells it.
     """
     start_s = perf_counter()
-    objects = PressedBall(design.ball.radius_mm), *(one.object for one in further)
-    presses = press, *further
-    problem = JointPressProblem(
-        tuple(
-            BallPressProblem(
-                ObservedRoundPress(one.before, one.after, one.centre_mm, pressed.face_radius_mm),
-                BallPressModel(design, indenter=pressed.indenter),
-            )
-            for one, pressed in zip(presses, objects, strict=True)
-        )
-    )
-    start = join_presses(list(initial)) if initial else _search_from_circles(problem, presses, objects)
-    priors = (*priors, *_known_depths(objects))
+    presses = ObjectPress(press.before, press.after, press.circle, PressedBall(design.ball.radius_mm)), *further
+    problem = JointPressProblem(tuple(_press_problem(one, design) for one in presses))
+    start = join_presses(list(initial)) if initial else _search_from_circles(problem, presses)
+    priors = (*priors, *_known_depths(presses))
     start, residual = leave_some_gel(problem, start)
     observations = [
         effective_observation_count(one.observed.image(residual[rows]))
@@ -239,54 +230,55 @@ def fit_twin_to_ball_press(
     open_terms = held if design.gel.has_rigid_base else prior_terms
     stacked = np.append(residual, open_terms.residual(vector))
     jacobian = np.vstack([jacobian[: problem.row_count], open_terms.jacobian(vector)])
-    first, *others = split_by_press(vector)
-    level, slopes, first_rows = coefficients[0], coefficients[len(presses) :], problem.rows[0]
     joint = JointFit(problem, vector, jacobian, stacked, sum(observations))
-    further_fits = (
-        SecondPressFit(
-            one,
-            pressed,
-            float(np.sqrt(np.mean(residual[rows] ** 2))),
-            estimate_ball_radius_from_fit(joint, number)
-            if pressed.known_depth is None
-            else estimate_depth_from_fit(joint, open_terms, number),
-        )
-        for number, (one, pressed, rows) in enumerate(zip(others, objects[1:], problem.rows[1:], strict=True), start=1)
-    )
     return TwinFit(
         problem.presses[0],
-        first,
-        np.array([level, *slopes]),
-        residual[first_rows],
+        split_by_press(vector)[0],
+        np.array([coefficients[0], *coefficients[len(presses) :]]),
+        residual[problem.rows[0]],
         uncertainty,
         base,
         perf_counter() - start_s,
-        tuple(further_fits),
+        tuple(_second_press_fit(joint, open_terms, number, one.object) for number, one in enumerate(further, start=1)),
     )
 
 
-def _search_from_circles(
-    problem: JointPressProblem, presses: tuple[RoundPress, ...], objects: tuple[PressedObject, ...]
-) -> ParameterVector:
+def _press_problem(press: ObjectPress, design: SensorDesign) -> BallPressProblem:
+    """Return what is observed of a press, with the model that predicts it."""
+    observed = ObservedRoundPress(press.before, press.after, press.centre_mm, press.object.face_radius_mm)
+    return BallPressProblem(observed, BallPressModel(design, indenter=press.object.indenter))
+
+
+def _second_press_fit(joint: JointFit, priors: PriorTerms, number: int, pressed: PressedObject) -> SecondPressFit:
+    """Return what a joint fit says of the press with this number, 0 for the first."""
+    by_depth = pressed.known_depth is not None
+    implied = (
+        estimate_depth_from_fit(joint, priors, number) if by_depth else estimate_ball_radius_from_fit(joint, number)
+    )
+    rms_grey = float(np.sqrt(np.mean(joint.residual[joint.problem.rows[number]] ** 2)))
+    return SecondPressFit(split_by_press(joint.vector)[number], pressed, rms_grey, implied)
+
+
+def _search_from_circles(problem: JointPressProblem, presses: tuple[ObjectPress, ...]) -> ParameterVector:
     """Return approximate parameters from the contact circles of all presses, by a search on a coarse grid."""
     coarse, design = on_coarse_grid(problem), problem.presses[0].model.design
-    guesses = [_initial_guess(press, pressed, design) for press, pressed in zip(presses, objects, strict=True)]
+    guesses = [_initial_guess(press, design) for press in presses]
     start = join_presses([BallPressParameters.from_vector(guess) for guess in guesses])
     return fit_coarsely(coarse, leave_some_gel(coarse, start)[0])
 
 
-def _known_depths(objects: tuple[PressedObject, ...]) -> Iterator[ParameterPrior]:
+def _known_depths(presses: tuple[ObjectPress, ...]) -> Iterator[ParameterPrior]:
     """Yield the depths that stops set, as priors."""
-    for number, pressed in enumerate(objects, start=1):
-        if pressed.known_depth is not None:
-            yield ParameterPrior(f"press_{number}_depth_mm", *pressed.known_depth)
+    for number, press in enumerate(presses, start=1):
+        if press.object.known_depth is not None:
+            yield ParameterPrior(f"press_{number}_depth_mm", *press.object.known_depth)
 
 
-def _initial_guess(press: RoundPress, pressed: PressedObject, design: SensorDesign) -> ParameterVector:
+def _initial_guess(press: ObjectPress, design: SensorDesign) -> ParameterVector:
     """Return the initial guess from the disc: its centre, the depth by the rule of its edge or by the stop, the drag by the
     asymmetry of its bulge.
     """
-    depth_mm = pressed.estimate_depth_mm(press.edge_radius_mm)
+    depth_mm = press.object.estimate_depth_mm(press.edge_radius_mm)
     x, y = press.centre_mm
     drag = dict(
         zip(("drag_x_mm", "drag_y_mm"), DRAG_PER_ASYMMETRY_MM * np.array(press.circle.asymmetry_vector), strict=True)

@@ -252,9 +252,8 @@ class LinearisedBrightnessProblem:
         of that step in place (docs/force_physics.md).
         """
         row, col = self.contact_cells
-        order = np.argsort(
-            -self.carries[row, col]
-        )  # so that the cells that are in contact at a level are the first ones
+        # The cells that are in contact at a level are then the first ones.
+        order = np.argsort(-self.carries[row, col])
         carried, modes = self.carries[row, col][order], self.carried_shear[order].T
         between = self.kernels.tangential_between_cells(row[order], col[order])
         step = max(float(carried[0]) / self.growth_steps, 1e-9)
