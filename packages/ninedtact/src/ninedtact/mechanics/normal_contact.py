@@ -2,9 +2,9 @@
 
 The gap between skin and object is never negative, the pressure is never negative, and at every point at least one of the two
 is zero. The pressure is the minimum of a convex energy, found as the shear is (`friction`): by projected gradients with the step
-lengths of Barzilai and Borwein (docs/references.md). Conjugate gradients (Polonsky and Keer 1999), which begin again whenever the
-contact area changes, took as many steps of twice as many transforms. Either the depth of the object is given, or its load; with a
-given load the depth is the one at which the mean gap under pressure is zero.
+lengths of Barzilai and Borwein (docs/references.md). Conjugate gradients (Polonsky and Keer, Wear 231, 1999), which begin again
+whenever the contact area changes, took as many steps of twice as many transforms. Either the depth of the object is given, or its
+load; with a given load the depth is the one at which the mean gap under pressure is zero.
 """
 
 from collections.abc import Callable
