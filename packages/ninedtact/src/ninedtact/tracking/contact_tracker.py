@@ -75,8 +75,6 @@ class ContactTracker:
     """Estimators of single contacts, by their numbers, where there are several."""
     _moved_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
     _imprint: ImprintShift = field(default_factory=ImprintShift, init=False, repr=False)
-    _imprint_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
-    """Shift of the imprint in the image before."""
     _last: TrackedContacts | None = field(default=None, init=False, repr=False)
 
     def follow(self, readings: Iterable[Reading]) -> Iterator[TrackedContacts]:
@@ -87,7 +85,9 @@ class ContactTracker:
         """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
         contacts = () if reading.image_warnings else self._followed.update(reading.contacts)
         motion = self.objects.update(reading)
-        imprint_step_mm = self._imprint_step_mm(reading, contacts)
+        if not contacts:
+            self._imprint.forget()
+        imprint_step_mm = self._imprint.update(reading.height) if contacts else np.zeros(2)
         self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
         force = None if reading.force is None else reading.force.about_skin_centre()
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
@@ -99,15 +99,6 @@ class ContactTracker:
             slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
         self._last = TrackedContacts(reading, contacts, motion, force, self._moved_mm, slip, slips)
         return self._last
-
-    def _imprint_step_mm(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> Float[Array, "2"]:
-        """Return how far the imprint has moved since the image before."""
-        if not contacts:
-            self._imprint.forget()
-            self._imprint_mm = np.zeros(2)
-            return self._imprint_mm
-        before, self._imprint_mm = self._imprint_mm, self._imprint.update(reading.height)
-        return self._imprint_mm - before
 
     def _step_mm(
         self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, imprint_step_mm: Float[Array, "2"]
@@ -134,8 +125,7 @@ class ContactTracker:
     ) -> tuple[SlipEstimate, WrenchEstimate]:
         """Return the slip of all contacts together, and the wrench about the skin's centre, by the turn of the object where it
         turns more than it is dragged."""
-        friction = self._last.slip.friction if self._last is not None else float("nan")
-        carried = self.carried.update(motion, _traction(reading), friction)
+        carried = self.carried.update(motion, _traction(reading), self.slip.friction)
         if carried is None:
             return _slip_at(self.slip, reading, self._moved_mm, force.wrench), force.about_skin_centre()
         corrected = carried.correct(force)

@@ -23,28 +23,27 @@ _NEXT_KEY_MM = 0.5
 
 @dataclass
 class ImprintShift:
-    """Follows the shift along x and y through a stream, against key images."""
+    """Follows the imprint along x and y through a stream, against key images."""
 
     _key: Float32[Array, "rows cols"] | None = field(default=None, init=False, repr=False)
-    _key_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
-    """Shift of the key image."""
+    _shift_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    """Shift of the last image since the key image."""
 
     def forget(self) -> None:
         """Compare with no earlier image, because nothing touched in between."""
-        self._key, self._key_mm = None, np.zeros(2)
+        self._key = None
 
     def update(self, height: HeightMap) -> Float[Array, "2"]:
-        """Return the shift in mm since the first image."""
+        """Return the shift in mm since the image before; zero in the first one."""
         edges, pixel_mm = _edges(height)
         if self._key is None or self._key.shape != edges.shape:
-            self._key = edges
-            return self._key_mm
+            self._key, self._shift_mm = edges, np.zeros(2)
+            return np.zeros(2)
         shift_px, _ = cv2.phaseCorrelate(self._key, edges, _window(*edges.shape))
-        shift_mm = pixel_mm * np.array(shift_px)
-        found = self._key_mm + shift_mm
-        if np.linalg.norm(shift_mm) > _NEXT_KEY_MM:
-            self._key, self._key_mm = edges, found
-        return found
+        before_mm, shift_mm = self._shift_mm, pixel_mm * np.array(shift_px)
+        is_far = np.linalg.norm(shift_mm) > _NEXT_KEY_MM
+        self._key, self._shift_mm = (edges, np.zeros(2)) if is_far else (self._key, shift_mm)
+        return shift_mm - before_mm
 
 
 @lru_cache(maxsize=4)

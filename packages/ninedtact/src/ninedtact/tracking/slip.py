@@ -108,6 +108,11 @@ class SlipEstimator:
         """Time of the last estimate of the contact; None where nothing touches."""
         return self._history[-1].time_s if self._history else None
 
+    @property
+    def friction(self) -> float:
+        """Friction coefficient so far; not a number until something slid."""
+        return self._last.friction
+
     def release(self) -> SlipEstimate:
         """Forget the contact, because nothing touches; what is known of friction stays."""
         self._springs, self._start, self._history = None, None, deque()
