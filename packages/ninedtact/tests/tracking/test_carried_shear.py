@@ -67,6 +67,14 @@ def test_it_slides_from_the_rim_inwards_until_friction_bears_all_and_turning_bac
     assert torques[-1] < -0.5 * limit_nm, "skin that slid one way is left twisted the other way"
 
 
+def test_what_slid_does_not_stick_again_where_the_pressure_is_noisy() -> None:
+    skin, rng, pressed = CarriedSkin(), np.random.default_rng(0), disc_at(RigidMotion(), Gel())
+    for angle in (*np.linspace(0, 0.5, 6), *[0.5] * 6):
+        noisy = pressed.pressure_mpa * rng.normal(1, 0.02, pressed.pressure_mpa.shape)
+        found = skin.update(turned(angle), replace(pressed, pressure_mpa=noisy.astype(np.float32)), 0.5)
+    assert found is not None and found.sticking_share < 0.3 and found.p_incipient > 0.9
+
+
 def test_friction_that_is_not_known_is_part_of_the_error() -> None:
     known, unknown = (follow([0.0, 0.15, 0.3], Gel(), friction)[-1] for friction in (0.5, float("nan")))
     assert unknown.torque_nm == pytest.approx(known.torque_nm, rel=0.15)

@@ -39,6 +39,8 @@ _USUAL_TWIST = 0.3
 """Torque of a twist for which the errors of single images are stated (`force.hidden_twist`), over load times radius of gyration."""
 _LEAST_TURN = 0.1
 """Torque over load times radius of gyration from which a turn is seen in it."""
+_AT_LIMIT = 0.9
+"""Part of what friction holds from which a place counts as sliding: at rest, noise of the pressure lifts the limit off it."""
 _ANY_TORQUE_NM = 1.0
 """Standard deviation of a torque without a stated error: more than any that a gel bears."""
 _MARGIN_CELLS, _TOLERANCE_MM, _MAX_ITERATIONS = 8, 2e-3, 60
@@ -197,7 +199,7 @@ def _summarise(
         _LEAST_TORQUE_ERROR * load_n * radius_mm,
         yaw_std_rad * stiffness_nmm,
     )
-    sticks = ~slip_mask(shear_mpa, limit.max_shear_mpa)
+    sticks = ~slip_mask(shear_mpa, _AT_LIMIT * limit.max_shear_mpa)
     shares = np.maximum.accumulate((sticks * pressure_mpa).sum(axis=(1, 2)) / pressure_mpa.sum())
     return CarriedShear(
         torque_nmm / 1e3,
