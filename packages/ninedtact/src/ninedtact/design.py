@@ -11,6 +11,7 @@ import tomli_w
 from msgspec import Meta
 
 from ninedtact.bounds_and_checked_reading import (
+    checks_arguments,
     convert_tables_to_class,
     parse_toml,
     read_text_file,
@@ -272,6 +273,7 @@ class ForceTorqueMount:
         require_within_bounds(self, "force_torque", DesignImpossible)
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SensorDesign:
     """The design of one sensor. The calibration searches for it, the twin simulates it, the hardware is built from it."""

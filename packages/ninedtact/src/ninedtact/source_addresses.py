@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.recording.errors import require_recording_libraries
 
@@ -35,6 +36,7 @@ def is_twin_address(text: str) -> bool:
     return text == SIMULATED
 
 
+@checks_arguments
 def source_for(
     text: str, settings: "CameraSettings | None" = None, sensor: "SensorFolder | None" = None
 ) -> "FrameSource":

@@ -16,6 +16,7 @@ from jaxtyping import Float32, Int64, UInt8
 from mcap.records import Message
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
@@ -59,6 +60,7 @@ class RecordingCutShort(SourceIncomplete):
     """Raised, once, after the last image of a recording that has no end; what followed is missing."""
 
 
+@checks_arguments
 class Recording:
     """One recording, open for reading (`with`). One thread at a time.
 

@@ -8,12 +8,15 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 from time import monotonic, monotonic_ns
-from typing import Any
+from typing import Annotated, Any
 
+from msgspec import Meta
+
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
-from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete, require_frame_source
+from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
@@ -33,17 +36,18 @@ _BUFFERED_SAMPLES = 100_000
 _WAIT_S = 0.05
 
 
+@checks_arguments
 def record(
     source: FrameSource,
     out: Path | str,
     sensor: SensorFolder,
     force_torque: WrenchSource | None = None,
-    seconds: float | None = None,
+    seconds: Annotated[float, Meta(gt=0)] | None = None,
     heights: bool = False,
     estimator: ForceEstimator = NoForceEstimator(),
     settings: str = "{}",
     images: ImageStorage = "zstd",
-    height_step_mm: float = 0.0,
+    height_step_mm: Annotated[float, Meta(ge=0)] = 0.0,
     camera_delay_ms: float = 0.0,
     should_stop: Callable[[], bool] = lambda: False,
     notify: Callable[[str], None] = lambda sentence: None,
@@ -85,6 +89,7 @@ def record(
     return writers[""]
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SensorToRecord:
     """A sensor with what is recorded of it."""
@@ -165,7 +170,6 @@ def _new_recorder(
     notify: Callable[[str], None],
     beside: RecordingWriter | None = None,
 ) -> "Recorder":
-    require_frame_source(part.source)
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_result import Contact
@@ -91,6 +92,7 @@ KEPT_PRESSES, KEPT_WRENCHES = 48, 1024
 """Number of the newest steps that are stored."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class ObjectTrajectory:
     """An object and the trajectory that it follows."""
@@ -99,6 +101,7 @@ class ObjectTrajectory:
     trajectory: Trajectory
 
 
+@checks_arguments
 @dataclass
 class PressSequence:
     """A twin on which trajectories follow each other, round after round, solved step by step when a step is needed.

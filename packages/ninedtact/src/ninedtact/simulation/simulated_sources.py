@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import radians
 from threading import Lock
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.design import ForceTorqueMount
@@ -23,6 +26,7 @@ from ninedtact.simulation.trajectory import press_trajectory
 from ninedtact.simulation.twin import Twin
 
 
+@checks_arguments
 @dataclass
 class SimulatedCamera(FrameSource):
     """A frame source of rendered images, one per step of a simulation; it ends after the last round, if there is one."""
@@ -92,15 +96,16 @@ NO_FORCE_TORQUE_ERRORS = ForceTorqueSensorNoise(NO_OFFSET, NO_OFFSET)
 """An exact force/torque sensor."""
 
 
+@checks_arguments
 @dataclass
 class SimulatedForceTorque(WrenchSource):
     """A source of the true wrench on the skin with noise and offset, at its own rate; the torque is about the sensor's origin."""
 
     simulation: PressSequence
-    hz: float = 500.0
+    hz: Annotated[float, Meta(gt=0, le=1e6)] = 500.0
     errors: ForceTorqueSensorNoise = ForceTorqueSensorNoise()
     about_mm: tuple[float, float, float] = (0.0, 0.0, -FORCE_TORQUE_BELOW_SKIN_MM)
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0)] = 0
     is_open: bool = field(default=False, init=False)
     lock: Lock = field(default_factory=Lock, init=False, repr=False)
     """Guards opening, reading and closing."""
