@@ -111,9 +111,7 @@ def test_a_source_without_a_sensor_is_refused_unless_it_is_a_recording() -> None
 
 @pytest.mark.parametrize("wrong", [None, 3.5, [1], np.zeros((4, 5, 3), np.uint8)])
 def test_what_is_no_source_and_no_path_is_refused_in_one_sentence(wrong: object, physical_sensor: SensorFolder) -> None:
-    with pytest.raises(
-        InputError, match=r"expected source of open to be a path or a whole number or a FrameSource, got"
-    ):
+    with pytest.raises(InputError, match=r"expected source of open to be Path \| str \| int \| FrameSource, got"):
         ninedtact.open(physical_sensor, source=wrong)  # type: ignore[arg-type]
 
 
@@ -212,7 +210,7 @@ def test_estimate_takes_the_reference_anew_and_names_a_moment_that_is_not_there(
         (99.0, "expected a moment between 0 and 2.80 s .*, got 99 s"),
         (2.9, "got 2.9 s"),
         (-1.0, "got -1 s"),
-        (float("nan"), "expected reference_at_s of open to be a number .*, got nan;"),
+        (float("nan"), "expected reference_at_s of open to be a number, got nan;"),
         (PRESSED.start * FRAME_NS / 1e9, "without contact, got a fault; something touches the gel: .* nothing touches"),
         ((PRESSED.start - 5) * FRAME_NS / 1e9, "something touches the gel"),
     ],

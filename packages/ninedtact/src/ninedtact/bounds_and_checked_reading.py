@@ -21,29 +21,34 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache, wraps
 from hashlib import sha256
-from inspect import signature
-from numbers import Integral, Real
+from inspect import formatannotation, signature
+from numbers import Real
 from operator import ge, gt, le, lt
 from pathlib import Path
 from time import monotonic, sleep
 from tokenize import TokenError
-from types import NoneType, UnionType
+from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 from zipfile import BadZipFile
 from zlib import error as ZlibError
 
 import msgspec
 import numpy as np
+from beartype import BeartypeConf
+from beartype.door import is_bearable
+from jaxtyping import jaxtyped
 from msgspec import Meta
 
 import ninedtact
 from ninedtact.errors import InputError, NinedtactError
 
 Checked = TypeVar("Checked", bound=Callable[..., Any])
+_INTEGERS_ARE_NUMBERS = BeartypeConf(is_pep484_tower=True)
+_MODULES = re.compile(r"\b(?:\w+\.)+(?=\w)")
+_BOUNDED_KIND = re.compile(r"Annotated\[(.*?), Meta\([^()]*\)\]")
 _COMPARISONS = (("ge", "of at least", ge), ("gt", "above", gt), ("le", "of at most", le), ("lt", "below", lt))
 """The attributes of `Meta`, the words for them, and what a value within the bound fulfils."""
 
@@ -53,26 +58,10 @@ def require_within_bounds(part: object, table: str = "", refusal: type[Ninedtact
 
     table: name of the part in a file or of its settings, for the message.
     """
-    for name, kind in _field_kinds(type(part)):  # type: ignore[arg-type]  # classes are hashable
-        for expected, got in _violations(getattr(part, name), kind, {}):
+    for name, kind in _kinds(type(part)).items():  # type: ignore[arg-type]  # classes are hashable
+        for expected, got in _violations(getattr(part, name), kind):
             place = f"{table}.{name}" if table else name
             raise refusal(expected=f"{place} {expected}", got=got, remedy="correct it")
-
-
-@cache
-def _field_kinds(kind: type) -> tuple[tuple[str, Any], ...]:
-    hints = get_type_hints(kind, localns=_PublicNames(), include_extras=True)
-    return tuple((field.name, hints[field.name]) for field in fields(kind))
-
-
-class _PublicNames(dict[str, Any]):
-    """What annotations may name that their module imports for type checkers alone."""
-
-    def __missing__(self, name: str) -> Any:
-        try:
-            return getattr(ninedtact, name)
-        except AttributeError:
-            raise KeyError(name) from None
 
 
 def checks_arguments(item: Checked) -> Checked:
@@ -86,149 +75,70 @@ def checks_arguments(item: Checked) -> Checked:
         return item
     function: Callable[..., Any] = item
     names = tuple(signature(function).parameters)
-    owner, _, own_name = function.__qualname__.rpartition(".")
-
-    @cache
-    def kinds() -> dict[str, Any]:
-        return get_type_hints(function, localns=_PublicNames(), include_extras=True)
-
-    @cache
-    def tests() -> dict[str, _Allows]:
-        return {name: _test_of(kind) for name, kind in kinds().items()}
+    owner = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
 
     @wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
-        lengths, known = dict[str, int](), tests()
-        for name, value in (*zip(names, arguments, strict=False), *named.items()):
-            if name in known and not known[name](value, lengths):
-                expected, got = next(_violations(value, kinds()[name], lengths))
-                place = f" of {owner if own_name == '__init__' else own_name}" if expected.startswith("to be") else ""
-                raise InputError(expected=f"{name}{place} {expected}", got=got, remedy="correct it")
+        kinds = _kinds(function)
+        with jaxtyped("context"):  # an axis of one name has one length in all arguments
+            for name, value in (*zip(names, arguments, strict=False), *named.items()):
+                for expected, got in _violations(value, kinds.get(name, Any)):
+                    place = f"{name} of {owner}" if expected.startswith("to be") else name
+                    raise InputError(expected=f"{place} {expected}", got=got, remedy="correct it")
         return function(*arguments, **named)
 
     return call  # type: ignore[return-value]
 
 
-_Allows = Callable[[Any, dict[str, int]], bool]
-"""Whether a value is of a type and within its bounds; lengths of the axes of arrays, by name, are compared and added."""
+@cache
+def _kinds(item: Callable[..., Any]) -> dict[str, Any]:
+    """Return the types of a function's arguments, or of the fields of a class."""
+    return get_type_hints(item, localns=_PublicNames(), include_extras=True)
 
 
-def _violations(value: Any, kind: Any, lengths: dict[str, int]) -> Iterator[tuple[str, str]]:
+class _PublicNames(dict[str, Any]):
+    """What annotations may name that their module imports for type checkers alone."""
+
+    def __missing__(self, name: str) -> Any:
+        try:
+            return getattr(ninedtact, name)
+        except AttributeError:
+            raise KeyError(name) from None
+
+
+def _violations(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
     """Yield what is expected and what is given in its place, in words, where a value has another type, or violates a bound."""
-    if _test_of(kind)(value, lengths):
-        return
+    value = tuple(value) if isinstance(value, list) else value
+    if is_bearable(value, kind, conf=_INTEGERS_ARE_NUMBERS):
+        yield from _violated_bounds(value, kind)
+    else:
+        yield f"to be {_describe_kind(kind)}", describe_value(value)
+
+
+def _violated_bounds(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
     origin, arguments = get_origin(kind), get_args(kind)
-    if origin is Annotated and _test_of(arguments[0])(value, lengths):
+    if kind is float and value != value:
+        yield "to be a number", "nan"
+    elif origin is Annotated:
         for meta in arguments[1:]:
             if isinstance(meta, Meta) and not _keeps(value, meta):
                 yield describe_bounds(meta), describe_value(value)
-    elif origin is Annotated:
-        yield from _violations(value, arguments[0], lengths)
+        yield from _violated_bounds(value, arguments[0])
+    elif origin is tuple:
+        kinds = arguments[:1] * len(value) if Ellipsis in arguments else arguments
+        for each, member in zip(value, kinds, strict=True):
+            yield from _violated_bounds(each, member)
     elif origin in (Union, UnionType):
-        members = [found for each in arguments for found in _violations(value, each, lengths)]
-        of_type = [found for found in members if not found[0].startswith("to be ")]
-        yield from of_type[:1] or [(f"to be {_describe_kind(kind, lengths)}", describe_value(value))]
-    elif _is_sequence_of(kind, value):
-        for each, member in zip(value, _member_kinds(kind, value), strict=True):
-            yield from _violations(each, member, lengths)
-    else:
-        yield f"to be {_describe_kind(kind, lengths)}", describe_value(value)
+        members = [list(_violated_bounds(value, each)) for each in arguments if is_bearable(value, each)]
+        yield from min(members, key=len, default=())
 
 
-@cache
-def _test_of(kind: Any) -> _Allows:
-    """Return the test of a type, made once, because a stream makes some objects of a hundred times a second."""
-    origin, arguments = get_origin(kind), get_args(kind)
-    if kind is Any or isinstance(kind, TypeVar):
-        return lambda value, lengths: True
-    if origin is Literal:
-        return lambda value, lengths: isinstance(value, Hashable) and value in arguments
-    if origin is Annotated:
-        test, bounds = _test_of(arguments[0]), [each for each in arguments[1:] if isinstance(each, Meta)]
-        if not bounds:
-            return test
-        return lambda value, lengths: test(value, lengths) and all(_keeps(value, each) for each in bounds)
-    if origin in (Union, UnionType):
-        tests = [_test_of(each) for each in arguments]
-        return lambda value, lengths: any(test(value, lengths) for test in tests)
-    if hasattr(kind, "dim_str"):  # a type of arrays
-        return _array_test(kind)
-    if origin in (tuple, Sequence):
-        return lambda value, lengths: (
-            _is_sequence_of(kind, value)
-            and all(
-                _test_of(member)(each, lengths) for each, member in zip(value, _member_kinds(kind, value), strict=True)
-            )
-        )
-    if kind is float:  # not-a-number is no number
-        return lambda value, lengths: isinstance(value, Real) and value == value
-    wanted: Any = {int: Integral, bool: (bool, np.bool_)}.get(kind, origin or kind)
-    return lambda value, lengths: isinstance(value, wanted)
-
-
-def _is_sequence_of(kind: Any, value: Any) -> bool:
-    """Return whether a value has as many members as a sequence of a type."""
-    arguments = get_args(kind)
-    any_number = get_origin(kind) is Sequence or Ellipsis in arguments
-    is_sequence = get_origin(kind) in (tuple, Sequence) and isinstance(value, tuple | list)
-    return is_sequence and (any_number or len(value) == len(arguments))
-
-
-def _member_kinds(kind: Any, value: Sequence[Any]) -> tuple[Any, ...]:
-    arguments = get_args(kind)
-    return arguments[:1] * len(value) if get_origin(kind) is Sequence or Ellipsis in arguments else arguments
-
-
-def _array_test(kind: Any) -> _Allows:
-    axes, is_numpy = kind.dim_str.split(), kind.array_type is np.ndarray
-    dtypes = {np.dtype(name) for name in kind.dtypes if name in np.sctypeDict}
-    any_shape = any(axis[0] in ".*#" for axis in axes)
-
-    def allows(value: Any, lengths: dict[str, int]) -> bool:
-        if isinstance(value, np.ndarray):
-            if value.dtype not in dtypes:
-                return False
-        elif is_numpy or not hasattr(value, "shape"):
-            return False
-        if any_shape:
-            return True
-        return len(axes) == len(value.shape) and all(
-            axis == "_" or length == (int(axis) if axis.isdigit() else lengths.setdefault(axis, length))
-            for axis, length in zip(axes, value.shape, strict=True)
-        )
-
-    return allows
-
-
-_KIND_WORDS = {
-    float: "a number",
-    int: "a whole number",
-    str: "a text",
-    bool: "True or False",
-    NoneType: "None",
-    Path | str: "a path",
-    Path: "a path",
-    Callable: "a function",
-}
-
-
-def _describe_kind(kind: Any, lengths: Mapping[str, int] = {}) -> str:
-    origin, arguments = get_origin(kind), get_args(kind)
-    if words := _KIND_WORDS.get(kind) or _KIND_WORDS.get(origin):
-        return words
-    if origin is Annotated:
-        return _describe_kind(arguments[0], lengths)
-    if origin is Literal:
-        return f"one of {', '.join(map(repr, arguments))}"
-    if origin in (Union, UnionType):
-        members = dict.fromkeys(_describe_kind(each, lengths) for each in arguments)
-        return " or ".join(word for word in members if "a path" not in members or word != "a text")
-    if hasattr(kind, "dim_str"):
-        axes = ", ".join(str(lengths.get(axis, axis)) for axis in kind.dim_str.split())
-        return f"an array of {kind.dtypes[0] if len(kind.dtypes) == 1 else 'numbers'} with shape ({axes})"
-    if origin is tuple and Ellipsis not in arguments:
-        return f"{len(arguments)} values, each {_describe_kind(arguments[0])}"
-    return f"several values, each {_describe_kind(arguments[0])}" if arguments else f"a {kind.__name__}"
+def _describe_kind(kind: Any) -> str:
+    """Return a type as a program would write it, without its modules and bounds."""
+    if get_origin(kind) is Literal:
+        return f"one of {', '.join(map(repr, get_args(kind)))}"
+    bare = _BOUNDED_KIND.sub(r"\1", _MODULES.sub("", formatannotation(kind)))
+    return f"{bare} (axes of one name have one length)" if "ndarray" in bare else bare
 
 
 def describe_value(value: Any) -> str:
