@@ -321,8 +321,8 @@ def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> Senso
 def read_design_tables(path: Path | str) -> dict[str, Any]:
     """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `FileFormatError`."""
     try:
-        tables = parse_toml(read_text_file(path, accepts_pipe=True))
-    except (OSError, ValueError, RecursionError) as trouble:
+        tables = parse_toml(read_text_file(path))
+    except (OSError, ValueError) as trouble:
         raise FileFormatError(
             expected="a design in TOML",
             got=f"{path} ({trouble})",
