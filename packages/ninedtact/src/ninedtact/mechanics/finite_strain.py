@@ -123,6 +123,5 @@ def finite_strain_thickening_terms_mm(
 
 @lru_cache(maxsize=8)
 def _gaussian_mean(grid: PeriodicGrid, sigma_mm: float) -> Float32[Array, "rows half"]:
-    """Return the transform of a Gaussian mean."""
     wave_x, wave_y = grid.wave_vectors
     return np.exp(-(wave_x**2 + wave_y**2) * sigma_mm**2 / 2).astype(np.float32)

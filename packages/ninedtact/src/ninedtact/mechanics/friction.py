@@ -168,12 +168,10 @@ def _projected_gradient_step(
 
 
 def _dot_at_each_point(one: VectorField, other: VectorField) -> ScalarField:
-    """Return the dot product of two vectors at each point."""
     return one[..., 0, :, :] * other[..., 0, :, :] + one[..., 1, :, :] * other[..., 1, :, :]
 
 
 def _squared_length(vectors: VectorField) -> ScalarField:
-    """Return the squared length of the vector at each point."""
     return _dot_at_each_point(vectors, vectors)
 
 
