@@ -17,7 +17,6 @@ whether they are still those that the program wrote.
 """
 
 import json
-import os
 import re
 import stat
 import tomllib
@@ -28,7 +27,6 @@ from inspect import formatannotation, signature
 from numbers import Real
 from operator import ge, gt, le, lt
 from pathlib import Path
-from time import monotonic, sleep
 from tokenize import TokenError
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -183,7 +181,6 @@ NPY_READ_ERRORS = (
     ZlibError,
 )
 """Exceptions that NumPy raises for a damaged .npy or .npz file."""
-_LONGEST_PIPE_S = 5.0
 MOST_TEXT_BYTES = 20_000_000
 """Largest size of a text file that is read."""
 _MOST_TOML_CHARACTERS = 1_000_000
@@ -204,14 +201,11 @@ def read_regular_file(path: Path | str, most_bytes: int | None = None) -> bytes:
     return Path(path).read_bytes()
 
 
-def read_text_file(path: Path | str, accepts_pipe: bool = False) -> str:
+def read_text_file(path: Path | str) -> str:
     """Return the text of a UTF-8 file, without the mark with which some editors and spreadsheets let it begin.
 
     Raises `OSError` as `read_regular_file`, and `UnicodeDecodeError`.
-    accepts_pipe: whether another program may write the text into a pipe, for which it has `_LONGEST_PIPE_S`.
     """
-    if accepts_pipe and Path(path).is_fifo():
-        return _read_pipe(Path(path)).decode("utf-8-sig")
     return read_regular_file(path, MOST_TEXT_BYTES).decode("utf-8-sig")
 
 
@@ -239,25 +233,6 @@ def read_json_object(path: Path | str, most_bytes: int | None = MOST_TEXT_BYTES)
     if not isinstance(found, dict):
         raise ValueError(f"{path} holds no table of names and values")
     return found
-
-
-def _read_pipe(path: Path) -> bytes:
-    """Return what another program writes into a pipe; raises `OSError` where it writes nothing, too long or too much."""
-    pipe, content, began = os.open(path, os.O_RDONLY | os.O_NONBLOCK), b"", monotonic()
-    try:
-        while monotonic() - began < _LONGEST_PIPE_S and len(content) <= MOST_TEXT_BYTES:
-            try:
-                part = os.read(pipe, 65536)
-            except BlockingIOError:
-                part = None
-            if part == b"" and content:
-                return content
-            content += part or b""
-            if not part:
-                sleep(0.01)
-    finally:
-        os.close(pipe)
-    raise OSError(f"{path} is a pipe into which no program wrote a text within {_LONGEST_PIPE_S:g} s")
 
 
 def convert_tables_to_class(tables: Any, kind: Any) -> Any:

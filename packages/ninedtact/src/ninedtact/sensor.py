@@ -55,7 +55,8 @@ class Sensor:
         frame = self._next_frame()
         depth_reader = self._depth_reader_at(frame.stamp_ns)
         watch.mark("capture")
-        reading = read_frame(frame, self.shape, depth_reader, watch, self._count_dropped(frame), self.references.memory)
+        dropped = frame.index - self._first_index + 1 - self.frames_read
+        reading = read_frame(frame, self.shape, depth_reader, watch, dropped, self.references.memory)
         reading = self.estimator.add_force(reading)
         if reading.force is not None:
             watch.mark("force")
@@ -120,9 +121,6 @@ class Sensor:
             self._first_index = 0 if self.source.is_live else frame.index
         self.frames_read, self.last_frame_ns = self.frames_read + 1, frame.stamp_ns
         return frame
-
-    def _count_dropped(self, frame: Frame) -> int:
-        return frame.index - self._first_index + 1 - self.frames_read
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
         """Return the depth reader for the reference image that is to be used at a stamp."""

@@ -65,7 +65,6 @@ def inverse_transform(spectrum: Any, shape: tuple[int, int], field_shape: tuple[
 
 
 def _transform_module(array: Any) -> Any:
-    """Return the module whose transforms take this kind of array."""
     return _scipy_fft() if isinstance(array, np.ndarray) else array_namespace_of(array).fft
 
 

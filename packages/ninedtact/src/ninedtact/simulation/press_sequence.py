@@ -191,7 +191,6 @@ class PressSequence:
             return self.presses[self._nearest(number)]
 
     def _nearest(self, number: int) -> int:
-        """Return the stored step that is nearest to this one."""
         return min(self.presses, key=lambda step: abs(step - number))
 
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
@@ -253,7 +252,6 @@ class PressSequence:
         return int(rounds) * len(self.trajectories) + index, within_s - (self.ends_s[index - 1] if index else 0.0)
 
     def _step_expired(self, step: int, oldest: int) -> SimulationError:
-        """Return the error for a step that is no longer stored."""
         return SimulationError(
             expected=f"a step of the simulation from {oldest} on",
             got=f"{step}, which is no longer stored",

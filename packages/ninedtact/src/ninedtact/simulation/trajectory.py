@@ -63,12 +63,7 @@ class Trajectory:
             return self.segments[-1].to
         segment, before = self.segments[number], self.segments[number - 1].to if number else self.start
         part = 1 - (self.ends_s[number] - at_s) / segment.seconds
-        return before.interpolate(segment.to, _smoothstep(part))
-
-
-def _smoothstep(part: float) -> float:
-    """Return 3t² − 2t³, which starts and stops with zero slope."""
-    return part * part * (3 - 2 * part)
+        return before.interpolate(segment.to, part * part * (3 - 2 * part))  # starts and stops with zero slope
 
 
 HOVER_MM = 0.5

@@ -30,7 +30,6 @@ from ninedtact.mechanics.relaxation import GelMemory
 from ninedtact.mechanics.skin import Skin, padded_grid
 from ninedtact.simulation.gel_brightness import (
     PUBLISHED_DESIGN,
-    BrightnessModel,
     brightness_model_for_design,
     synthetic_reference_image,
 )
@@ -217,13 +216,7 @@ def default_twin(seed: Annotated[int, Meta(ge=0)] = 0, gel: Gel = Gel()) -> Twin
     >>> bool(contact.wrench().force_n[2] < -0.5), twin.renderer(contact).shape
     (True, (480, 640, 3))
     """
-    pixel_map = WideAngleLens().pixel_map()
-    reference, noise = (
-        synthetic_reference_image(pixel_map, seed=seed),
-        CameraNoise(shape=pixel_map.raw_shape, seed=seed),
-    )
-    renderer = Renderer(pixel_map, reference, BrightnessModel(), noise)
-    return Twin("default", gel, renderer)
+    return replace(twin_from_design(PUBLISHED_DESIGN, seed), gel=gel)
 
 
 AIR_MM, ACRYLIC_MM = 0.35, 2.0
