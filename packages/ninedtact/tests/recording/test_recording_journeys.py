@@ -28,14 +28,10 @@ from ninedtact.errors import CameraError
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
+from ninedtact.recording.attached_sensor import read_folder_files
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import (
-    Recording,
-    RecordingCutShort,
-    read_folder_files,
-    recorded_sensor_addresses,
-)
+from ninedtact.recording.reader import Recording, RecordingCutShort, recorded_sensor_addresses
 from ninedtact.recording.recorded_source import RecordedFrameSource
 from ninedtact.recording.recorder import SensorToRecord, record, record_several
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
