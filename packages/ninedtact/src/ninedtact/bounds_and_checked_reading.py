@@ -22,7 +22,7 @@ import re
 import stat
 import tomllib
 from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from functools import cache, wraps
 from hashlib import sha256
 from inspect import signature
@@ -37,7 +37,6 @@ from zipfile import BadZipFile
 from zlib import error as ZlibError
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 
 import ninedtact
@@ -53,10 +52,24 @@ def require_within_bounds(part: object, table: str = "", refusal: type[Ninedtact
 
     table: name of the part in a file or of its settings, for the message.
     """
+    place = f"{table}.{{}}" if table else "{}"
+    for name, expected, got in _field_violations(part):
+        raise refusal(expected=f"{place.format(name)} {expected}", got=got, remedy="correct it")
+
+
+def require_options_within_bounds(command: object) -> None:
+    """Raise `InputError` for the first option of a command, or of a group of options in it, whose value is out of its bounds."""
+    for name, expected, got in _field_violations(command):
+        raise InputError(expected=f"--{name.replace('_', '-')} {expected}", got=got, remedy="correct it")
+    for group in vars(command).values():
+        if is_dataclass(group):
+            require_options_within_bounds(group)
+
+
+def _field_violations(part: object) -> Iterator[tuple[str, str, str]]:
     for name, kind in _field_kinds(type(part)):  # type: ignore[arg-type]  # classes are hashable
         for expected, got in _violations(getattr(part, name), kind, {}):
-            place = f"{table}.{name}" if table else name
-            raise refusal(expected=f"{place} {expected}", got=got, remedy="correct it")
+            yield name, expected, got
 
 
 @cache
@@ -162,7 +175,7 @@ def _test_of(kind: Any) -> _Allows:
         )
     if kind is float:  # not-a-number is no number
         return lambda value, lengths: isinstance(value, Real) and value == value
-    wanted: Any = {int: Integral, bool: (bool, np.bool_)}.get(kind, origin or kind)
+    wanted: Any = Integral if kind is int else origin or kind
     return lambda value, lengths: isinstance(value, wanted)
 
 
@@ -180,6 +193,8 @@ def _member_kinds(kind: Any, value: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _array_test(kind: Any) -> _Allows:
+    import numpy as np  # which commands that read no arrays do without
+
     axes, is_numpy = kind.dim_str.split(), kind.array_type is np.ndarray
     dtypes = {np.dtype(name) for name in kind.dtypes if name in np.sctypeDict}
     any_shape = any(axis[0] in ".*#" for axis in axes)
@@ -233,7 +248,7 @@ def _describe_kind(kind: Any, lengths: Mapping[str, int] = {}) -> str:
 
 def describe_value(value: Any) -> str:
     """Return a value in words, for the message that refuses it."""
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
         return f"an array of {value.dtype} with shape {value.shape}"
     if isinstance(value, float):
         return f"{value:g}"

@@ -263,7 +263,7 @@ def test_the_delay_of_another_camera_is_not_subtracted(
         ("--source 0 --out x.mp4", "--out to end in .mcap"),
         ("--source /dev/none --out x.mcap --sensor SENSOR", "/dev/none"),
         ("--source 0 --out x.mcap", "expected --sensor with --source 0"),
-        ("--source 0 --out x.mcap --seconds 0", "--seconds above zero"),
+        ("--source 0 --out x.mcap --seconds 0", "--seconds above 0 "),
         ("--source 0 --force-torque sim --out x.mcap --sensor SENSOR", "name two that belong together"),
         ("--source sim --out x.mcap --sensor SENSOR --height-bits 16", "--height-bits with --heights"),
         (
