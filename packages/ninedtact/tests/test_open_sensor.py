@@ -29,8 +29,9 @@ from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.quantities import HeightSource, Rectified, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.recorded_source import RecordedFrameSource
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter

@@ -21,6 +21,7 @@ import re
 import stat
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache, wraps
 from hashlib import sha256
 from inspect import formatannotation, signature
@@ -34,7 +35,6 @@ from zipfile import BadZipFile
 from zlib import error as ZlibError
 
 import msgspec
-import numpy as np
 from beartype import BeartypeConf
 from beartype.door import is_bearable
 from jaxtyping import jaxtyped
@@ -56,10 +56,25 @@ def require_within_bounds(part: object, table: str = "", refusal: type[Ninedtact
 
     table: name of the part in a file or of its settings, for the message.
     """
-    for name, kind in _kinds(type(part)).items():  # type: ignore[arg-type]  # classes are hashable
-        for expected, got in _violations(getattr(part, name), kind):
-            place = f"{table}.{name}" if table else name
-            raise refusal(expected=f"{place} {expected}", got=got, remedy="correct it")
+    place = f"{table}.{{}}" if table else "{}"
+    for name, expected, got in _field_violations(part):
+        raise refusal(expected=f"{place.format(name)} {expected}", got=got, remedy="correct it")
+
+
+def require_options_within_bounds(command: object) -> None:
+    """Raise `InputError` for the first option of a command, or of a group of options in it, whose value is out of its bounds."""
+    for name, expected, got in _field_violations(command):
+        raise InputError(expected=f"--{name.replace('_', '-')} {expected}", got=got, remedy="correct it")
+    for group in vars(command).values():
+        if is_dataclass(group):
+            require_options_within_bounds(group)
+
+
+def _field_violations(part: object) -> Iterator[tuple[str, str, str]]:
+    kinds = _kinds(type(part))  # type: ignore[arg-type]  # classes are hashable
+    for field in fields(part):  # type: ignore[arg-type]  # parts are dataclasses
+        for expected, got in _violations(getattr(part, field.name), kinds[field.name]):
+            yield field.name, expected, got
 
 
 def checks_arguments(item: Checked) -> Checked:
@@ -141,7 +156,7 @@ def _describe_kind(kind: Any) -> str:
 
 def describe_value(value: Any) -> str:
     """Return a value in words, for the message that refuses it."""
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
         return f"an array of {value.dtype} with shape {value.shape}"
     if isinstance(value, float):
         return f"{value:g}"

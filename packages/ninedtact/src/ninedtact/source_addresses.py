@@ -101,10 +101,6 @@ def load_recorded_sensor(source: "str | FrameSource") -> "Iterator[SensorFolder]
 
     Raises `InputError` for another source, `SensorFolderDamaged`.
     """
-    from tempfile import TemporaryDirectory
-
-    from ninedtact.calibration.sensor_folder import load_sensor
-
     recording = source.recording if not isinstance(source, str) else source if is_recording_address(source) else None
     if recording is None:
         name = source if isinstance(source, str) else source.name
@@ -114,7 +110,7 @@ def load_recorded_sensor(source: "str | FrameSource") -> "Iterator[SensorFolder]
             remedy="name the folder that 'ninedtact calibrate --out' wrote",
         )
     require_recording_libraries()
-    from ninedtact.recording.reader import extract_sensor_folder
+    from ninedtact.recording.reader import Recording
 
-    with TemporaryDirectory(prefix="ninedtact_") as folder:
-        yield load_sensor(extract_sensor_folder(Path(recording).expanduser(), Path(folder) / "sensor"))
+    with Recording(Path(recording).expanduser()) as opened, opened.unpacked_sensor() as sensor:
+        yield sensor

@@ -16,7 +16,7 @@ from ninedtact.cli.result_and_interrupt import (
     print_result,
     stop_on_signal,
 )
-from ninedtact.cli.shared_options import RecordedSensorOption, ReferenceOrFirstOption, SourceOption
+from ninedtact.cli.shared_options import AboveZero, RecordedSensorOption, ReferenceOrFirstOption, SourceOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class TrackCommand:
     """With --rectified: mm on the skin per pixel; without it, the view is as wide as that of the published sensor."""
     reference_frames: Annotated[str | None, tyro.conf.arg(metavar="FIRST:END")] = None
     """With --rectified: images without contact by their numbers, such as 0:10; without it, the first until something changes."""
-    rate_hz: float | None = None
+    rate_hz: AboveZero | None = None
     """With --rectified: images per second; without it, the times of the video, and 10 for a folder."""
     out: Path | None = None
     """CSV file for the path."""

@@ -36,8 +36,6 @@ def track_rectified(
     from ninedtact.rectified_images import open_rectified
     from ninedtact.tracking import SequenceTracker
 
-    if rate_hz is not None and not 0 < rate_hz < float("inf"):
-        raise InputError(expected="--rate-hz above zero", got=f"{rate_hz:g}", remedy="give the images per second")
     source = _open_file(address)
     references = _references(source, reference, reference_frames)
     print_notices(f"{notice}; name others with --reference-frames" for notice in references.notices)

@@ -22,10 +22,11 @@ from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.background_reader import STALL_S, BackgroundReader
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
-from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
+from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader, FindReferenceFaults
