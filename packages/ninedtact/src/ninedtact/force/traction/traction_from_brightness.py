@@ -62,8 +62,6 @@ class SolverSettings:
 
     max_iterations: int = 8
     """Largest number of linearisations without a previous result."""
-    max_warm_iterations: int = 2
-    """Largest number of linearisations that start from the result of the previous image."""
     max_qp_solves: int = 30
     """Largest number of linear solves for each quadratic programme."""
     target_decrement: float = 0.5
@@ -139,14 +137,20 @@ class TractionInversion:
         iterations from it stay farther from convergence than it: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            guess = replace(self._guess_after(last), iterations=0, predicted=None)
-            result = self._converge(observation, region, guess, self.solver.max_warm_iterations, last.step)
+            result = self._follow(observation, region, last)
             nearest = max(_WARM_SLACK * self._warm_distance(last), 1.0)
             if self._warm_distance(result) <= nearest and result.newton_decrement <= self.solver.max_trusted_decrement:
                 return result
-        return self._converge(
-            observation, region, self._guess_from_heights(observation, region), self.solver.max_iterations
-        )
+        return self._converge(observation, region)
+
+    def _follow(self, observation: ObservationOnCells, region: View, last: InversionResult) -> InversionResult:
+        """Iterate once with the problem of the previous image, which costs little, and once more, linearised there, where the
+        result has not converged or the contact has grown beyond the region of that problem."""
+        guess = replace(self._guess_after(last), iterations=0, predicted=None)
+        result = replace(self._iterate(observation, guess, last.problem, last.linearised_about), step=last.step)
+        if self._distance(result) <= 1 and (region <= last.problem.region).all():
+            return result
+        return replace(self._linearise_and_iterate(observation, region, self._guess_after(result)), step=last.step)
 
     def _warm_distance(self, result: InversionResult) -> float:
         """Return how far a result is from one that the next image may start from."""
@@ -156,22 +160,18 @@ class TractionInversion:
         """Return how far a result is from convergence; at one and below, another iteration would hardly change it."""
         return result.distance_from(self.solver.target_decrement, self.solver.target_change)
 
-    def _converge(
-        self,
-        observation: ObservationOnCells,
-        region: View,
-        guess: InitialGuess,
-        max_iterations: int,
-        step: float = 1.0,
-    ) -> InversionResult:
-        """Iterate from a guess until the result has converged, or as often as allowed; return the result nearest to convergence.
+    def _converge(self, observation: ObservationOnCells, region: View) -> InversionResult:
+        """Iterate from the observed heights until the result has converged, or as often as allowed; return the result nearest to
+        convergence.
 
         Where an iteration brings the result no nearer, the next ones linearise closer to where this one did: what finite strain
         adds is not part of the derivative, and pressure would oscillate in deep presses.
         """
-        result = best = replace(self._iterate(observation, region, guess), step=step)
-        while result.iterations < max_iterations and self._distance(result) > 1:
-            result = replace(self._iterate(observation, region, self._guess_after(result)), step=result.step)
+        guess = self._guess_from_heights(observation, region)
+        result = best = self._linearise_and_iterate(observation, region, guess)
+        while result.iterations < self.solver.max_iterations and self._distance(result) > 1:
+            guess = self._guess_after(result)
+            result = replace(self._linearise_and_iterate(observation, region, guess), step=result.step)
             if self._distance(result) < self._distance(best):
                 best = result
             else:
@@ -187,10 +187,22 @@ class TractionInversion:
             skin, predicted = self.forward.deform(tractions), None
         return InitialGuess(tractions, skin, result.misfit, result.iterations, predicted)
 
-    def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
-        """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
-        problem, sight = self._linearise(observation, region, guess), observation.sight
-        constant = guess.predicted
+    def _linearise_and_iterate(
+        self, observation: ObservationOnCells, region: View, guess: InitialGuess
+    ) -> InversionResult:
+        """Compute one Gauss–Newton iteration from a guess."""
+        return self._iterate(observation, guess, self._linearise(observation, region, guess), guess.tractions)
+
+    def _iterate(
+        self,
+        observation: ObservationOnCells,
+        guess: InitialGuess,
+        problem: LinearisedBrightnessProblem,
+        about: Tractions,
+    ) -> InversionResult:
+        """Solve a problem, which was linearised about these tractions, with the nonlinear residual of a guess, and measure the
+        residual that remains."""
+        constant, sight = guess.predicted, observation.sight
         if constant is None:
             constant = self.forward.observed_change(self.law, guess.skin, sight)
         constant = constant - self.forward.scatter(problem.slope * guess.skin.linear_mm)
@@ -204,13 +216,13 @@ class TractionInversion:
         return InversionResult(
             tractions,
             skin,
-            guess.tractions,
+            about,
             problem,
             solution,
             predicted,
             self._misfit(observation, predicted),
             problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf,
-            _change(tractions, guess.tractions, problem.sticking_part),
+            _change(tractions, about, problem.sticking_part),
             guess.iterations + 1,
         )
 
