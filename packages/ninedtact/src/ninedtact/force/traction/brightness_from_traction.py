@@ -251,11 +251,16 @@ class InfluenceKernels:
         """Rows and columns of that skin."""
         return len(self.skin_indices[0]), len(self.skin_indices[1])
 
-    def heights_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n skin_rows skin_cols"]]:
-        """Return the height of that skin under unit pressure, unit shear along x and unit shear along y on each of these cells."""
+    def heights_of_cells(self, row: Indices, col: Indices) -> Float32[Array, "n skin_rows skin_cols"]:
+        """Return the height of that skin under unit pressure on each of these cells."""
         rows, cols = self.forward.cells.shape
-        at = rows - 1 - row, cols - 1 - col  # the first window is the last cell's
-        return [windows[at] for windows in self._height_windows]
+        return self._height_windows[rows - 1 - row, cols - 1 - col]  # the first window is the last cell's
+
+    def heights_of_shear(self, shear: Float32[Array, "n rows cols"]) -> Float32[Array, "twice_n skin_rows skin_cols"]:
+        """Return the height of that skin under each of these fields of shear along x, then under each along y."""
+        shape, (rows, cols) = self.forward.cells.patch.shape, self.skin_indices
+        waves = forward_transform(shear, shape) * self.forward.compliance[1:, None]
+        return inverse_transform(waves, shape, shape)[:, :, rows[:, None], cols].reshape(-1, *self.skin_shape)
 
     def tangential_between_cells(self, row: Indices, col: Indices) -> Float32[Array, "5 n n"]:
         """Return the displacement of each of these cells (rows) by unit tractions on each of them (columns): along x and along y by
@@ -273,11 +278,10 @@ class InfluenceKernels:
         return values[np.ix_(*self.skin_indices)]
 
     @cached_property
-    def _height_windows(self) -> list[Float32[Array, "rows cols skin_rows skin_cols"]]:
-        """Windows into the kernels: one for each cell of the view."""
-        cells, around = self.forward.cells, self.forward.around
-        kernels = (influence_kernel(cells, each, around) for each in self.forward.compliance)
-        return [sliding_window_view(kernel, self.skin_shape) for kernel in kernels]
+    def _height_windows(self) -> Float32[Array, "rows cols skin_rows skin_cols"]:
+        """Windows into the response to pressure: one for each cell of the view."""
+        kernel = influence_kernel(self.forward.cells, self.forward.compliance[0], self.forward.around)
+        return sliding_window_view(kernel, self.skin_shape)
 
     @cached_property
     def _tangential_kernels(self) -> Float32[Array, "5 places"]:

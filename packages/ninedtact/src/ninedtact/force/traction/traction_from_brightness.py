@@ -147,7 +147,9 @@ class TractionInversion:
         """Iterate once with the problem of the previous image, which costs little, and once more, linearised there, where the
         result has not converged or the contact has grown beyond the region of that problem."""
         guess = replace(self._guess_after(last), iterations=0, predicted=None)
-        result = replace(self._iterate(observation, guess, last.problem, last.linearised_about), step=last.step)
+        result = replace(
+            self._iterate(observation, guess, last.problem, last.linearised_about, last.solution), step=last.step
+        )
         if self._distance(result) <= 1 and (region <= last.problem.region).all():
             return result
         return replace(self._linearise_and_iterate(observation, region, self._guess_after(result)), step=last.step)
@@ -199,16 +201,20 @@ class TractionInversion:
         guess: InitialGuess,
         problem: LinearisedBrightnessProblem,
         about: Tractions,
+        last: QPSolution | None = None,
     ) -> InversionResult:
         """Solve a problem, which was linearised about these tractions, with the nonlinear residual of a guess, and measure the
-        residual that remains."""
+        residual that remains. `last` is a solution of this problem for another residual."""
         constant, sight = guess.predicted, observation.sight
         if constant is None:
             constant = self.forward.observed_change(self.law, guess.skin, sight)
         constant = constant - self.forward.scatter(problem.slope * guess.skin.linear_mm)
         programme = problem.quadratic_programme(observation.change - constant)
-        free = problem.initially_free(guess.tractions[0])
-        solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
+        if last is None:
+            free, factor = problem.initially_free(guess.tractions[0]), None
+        else:
+            free, factor = last.free, last.factor
+        solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves, factor)
         tractions = problem.tractions(solution.x)
         skin = self.forward.deform(tractions)
         predicted = self.forward.observed_change(self.law, skin, sight)
