@@ -145,13 +145,14 @@ class TractionInversion:
 
     def _follow(self, observation: ObservationOnCells, region: View, last: InversionResult) -> InversionResult:
         """Iterate once with the problem of the previous image, which costs little, and once more, linearised there, where the
-        result has not converged or the contact has grown beyond the region of that problem."""
+        contact has moved or grown beyond the region of that problem."""
         guess = replace(self._guess_after(last), iterations=0, predicted=None)
-        result = replace(
-            self._iterate(observation, guess, last.problem, last.linearised_about, last.solution), step=last.step
-        )
-        if self._distance(result) <= 1 and (region <= last.problem.region).all():
-            return result
+        result = self._iterate(observation, guess, last.problem, last.linearised_about, last.solution)
+        result = replace(result, step=last.step)
+        if self._distance(result) <= 1:
+            if (region <= last.problem.region).all():
+                return result
+            region = np.maximum(region, last.problem.region)  # noise at its border then does not make it grow again
         return replace(self._linearise_and_iterate(observation, region, self._guess_after(result)), step=last.step)
 
     def _warm_distance(self, result: InversionResult) -> float:
