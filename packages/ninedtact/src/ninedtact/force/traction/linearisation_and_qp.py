@@ -229,6 +229,8 @@ class LinearisedBrightnessProblem:
     prior: DiscretePrior
     region: View
     """Contact region: one on cells where pressure may act, zero elsewhere."""
+    about: Tractions
+    """The tractions of the guess."""
     carries: View
     """Power of the smoothed pressure, to which shear is proportional."""
     slope: SkinField
