@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.quantities import Traction, Wrench, WrenchEstimate
+from ninedtact.quantities import HeightMap, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.shape.contacts import ContactPatch
 from ninedtact.tracking.carried_shear import CarriedSkin
@@ -85,10 +85,7 @@ class ContactTracker:
         """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
         contacts = () if reading.image_warnings else self._followed.update(reading.contacts)
         motion = self.objects.update(reading)
-        if not contacts:
-            self._imprint.forget()
-        imprint_step_mm = self._imprint.update(reading.height) if contacts else np.zeros(2)
-        self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
+        self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, reading.height)
         force = None if reading.force is None else reading.force.about_skin_centre()
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
         if not reading.is_touching and not reading.image_warnings:
@@ -101,7 +98,7 @@ class ContactTracker:
         return self._last
 
     def _step_mm(
-        self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, imprint_step_mm: Float[Array, "2"]
+        self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, height: HeightMap
     ) -> Float[Array, "2"]:
         """Return how far the object has moved along the skin since the image before."""
         if self._last is None:
@@ -115,10 +112,12 @@ class ContactTracker:
             return np.zeros(2)
         areas, steps = zip(*pairs, strict=True)
         step_mm = np.asarray(np.average(steps, axis=0, weights=areas))
-        has_edges = min(contact.convexity for contact in contacts) < _CONVEX
+        if min(contact.convexity for contact in contacts) >= _CONVEX:
+            return step_mm
+        imprint_step_mm = self._imprint.update(self._last.reading.height, height)
         # Edges of one part may be matched with those of another.
         agrees = float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
-        return imprint_step_mm if has_edges and agrees else step_mm
+        return imprint_step_mm if agrees else step_mm
 
     def _slip_and_force(
         self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate
