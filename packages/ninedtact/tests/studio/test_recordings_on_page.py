@@ -326,6 +326,8 @@ def test_a_recording_whose_file_is_gone_is_not_said_to_be_recorded(harm: str, is
         if harm == "a folder":
             path.mkdir()
         bench.press([60])
+        if is_running and harm != "cut":
+            assert "it was removed or moved" in bench.recorder.state().trouble
         state = bench.recorder.stop()
     assert "was cut; record again" in state.trouble or "removed or cut; record again" in state.trouble
 

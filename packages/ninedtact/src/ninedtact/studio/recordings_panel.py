@@ -26,12 +26,13 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.source_addresses import RECORDING_SUFFIX, load_recorded_sensor
 from ninedtact.studio.page_cards import (
     card_html,
-    explained_wrench_table_html,
     recorder_html,
     shape_summary_html,
     standalone_moment_html,
     status_html,
     time_slider_marks,
+    wrench_meaning_html,
+    wrench_table_html,
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
 from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
@@ -330,7 +331,11 @@ class RecordingsPanel:
         cards = (
             status_html(moment.status),
             shape_summary_html(view.summary, False),
-            explained_wrench_table_html(moment.wrenches, False),
+            *(
+                (wrench_table_html(moment.wrenches, False), wrench_meaning_html(moment.wrenches))
+                if moment.wrenches
+                else ()
+            ),
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
         sensor = moment.name or (
