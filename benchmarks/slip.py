@@ -121,7 +121,7 @@ def follow(rig: Rig, indenter: Indenter, settings: MotionSettings, kind: str) ->
         spent_s = process_time() - began
         pose, force_n = step.press.pose, step.press.wrench.force_n
         by_true_loads = judge.update(sample_of(np.array([pose.x_mm, pose.y_mm, *force_n]), number))
-        yield Step(truth, found.slip, slid_mm, torques(step.press, found), by_true_loads, spent_s)
+        yield Step(truth, found.slip, slid_mm, torques(step.press, reading, found), by_true_loads, spent_s)
 
 
 def sample_of(row: np.ndarray, number: int) -> SlipSample:
@@ -129,12 +129,13 @@ def sample_of(row: np.ndarray, number: int) -> SlipSample:
     return SlipSample((number + 1) / HZ, row[:2], row[2:4], -float(row[4]), CONTACT_CENTRE_STD_MM, load_std_n(row[4]))
 
 
-def torques(press: Press, found: TrackedContacts) -> Torques | None:
+def torques(press: Press, reading: Reading, found: TrackedContacts) -> Torques | None:
     """Return the torques of one image; None where no torque is seen in the turn of the object."""
-    alone, followed = found.reading.force, found.force
+    alone, followed = reading.force, found.reading.force
     if alone is None or followed is None or not found.contacts or not 0 < found.motion.std[5] < SEEN_TURN_RAD:
         return None
-    numbers = press.wrench.six[5], alone.about_skin_centre().wrench.six[5], followed.wrench.six[5], followed.std[5]
+    alone, followed = alone.about_skin_centre(), followed.about_skin_centre()
+    numbers = press.wrench.six[5], alone.wrench.six[5], followed.wrench.six[5], followed.std[5]
     return Torques(*(1e3 * float(number) for number in numbers))
 
 

@@ -126,16 +126,17 @@ def _open_displayed_sensor(
         histories.append(opened.enter_context(poller).history)
     if part.estimates_force:
         estimator = live.sensor.estimator
-        meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"
+        meaning = f"what {estimator.name} reads from the image and the turn of the object, ± one standard deviation"
         histories.append(WrenchHistory("estimated", meaning, estimator.notices, states_errors=True))
 
     follower = ObjectFollower() if live.simulation is None else ObjectFollower(live.simulation.press_at)
 
-    def keep(reading: "Reading") -> None:
+    def keep(reading: "Reading") -> "Reading":
+        reading = follower.add(reading)
         if reading.force is not None:
             histories[-1].add_estimate(reading.force)
         recorder.add(reading, number)
-        follower.add(reading)
+        return reading
 
     press = None if live.simulation is None else TwinPressController(live.simulation)
     readings = opened.enter_context(SensorPoller(live.sensor, keep))

@@ -164,6 +164,7 @@ def _row(reading: "Reading", found: "TrackedContacts", first_ns: int) -> dict[st
     import numpy as np
 
     motion, slip = found.motion, found.slip
+    force = None if found.reading.force is None else found.reading.force.about_skin_centre()
     moved_mm, turned_deg = motion.moved_mm, np.degrees(motion.motion.rotation_vector_rad)
     std = np.concatenate([motion.std[:3], np.degrees(motion.std[3:])])
     numbers = [*moved_mm, *turned_deg, np.degrees(motion.motion.yaw_rad)]
@@ -186,8 +187,8 @@ def _row(reading: "Reading", found: "TrackedContacts", first_ns: int) -> dict[st
         "slip_speed_mm_s": slip.speed,
         "friction": slip.friction,
         "friction_std": slip.friction_std,
-        "torque_z_nm": float("nan") if found.force is None else float(found.force.wrench.torque_nm[2]),
-        "torque_z_nm_std": float("nan") if found.force is None else float(found.force.std[5]),
+        "torque_z_nm": float("nan") if force is None else float(force.wrench.torque_nm[2]),
+        "torque_z_nm_std": float("nan") if force is None else float(force.std[5]),
         "overlap": motion.overlap,
         "rms_mm": motion.rms_mm,
         "key_frame": motion.is_key_frame,

@@ -43,13 +43,11 @@ class TrackedContacts:
     """What touches in one reading."""
 
     reading: Reading
+    """Where the turn of the object is seen, its wrench has the torque about z that this tells."""
     contacts: tuple[ContactPatch, ...]
     """The contacts, each with the number by which it is followed; the largest first."""
     motion: ObjectMotion
     """Motion of the object since it touched first, if all contacts belong to one object."""
-    force: WrenchEstimate | None
-    """The wrench of the reading about the skin's centre, where the turn of the object is seen with the torque about z that this
-    tells; None without a force estimator."""
     displacement_mm: Float[Array, "2"]
     """How far the object has moved along the skin since the stream began, by its shape or by its contacts' centres."""
     slip: SlipEstimate
@@ -86,7 +84,6 @@ class ContactTracker:
         contacts = () if reading.image_warnings else self._followed.update(reading.contacts)
         motion = self.objects.update(reading)
         self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, reading.height)
-        force = None if reading.force is None else reading.force.about_skin_centre()
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
         if not reading.is_touching and not reading.image_warnings:
             slip, self._slips = self.slip.release(), {}
@@ -94,7 +91,10 @@ class ContactTracker:
         elif contacts and reading.force is not None:
             slip, force = self._slip_and_force(reading, motion, reading.force)
             slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
-        self._last = TrackedContacts(reading, contacts, motion, force, self._moved_mm, slip, slips)
+            if len(contacts) == 1 and contacts[0].force is not None:
+                contacts = (replace(contacts[0], force=force),)
+            reading = reading.with_force(force)
+        self._last = TrackedContacts(reading, contacts, motion, self._moved_mm, slip, slips)
         return self._last
 
     def _step_mm(
@@ -122,11 +122,11 @@ class ContactTracker:
     def _slip_and_force(
         self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate
     ) -> tuple[SlipEstimate, WrenchEstimate]:
-        """Return the slip of all contacts together, and the wrench about the skin's centre, by the turn of the object where it
-        turns more than it is dragged."""
+        """Return the slip of all contacts together, by the turn of the object where it turns more than it is dragged, and the
+        wrench with the torque that the turn shows."""
         carried = self.carried.update(motion, _traction(reading), self.slip.friction)
         if carried is None:
-            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), force.about_skin_centre()
+            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), force
         corrected = carried.correct(force)
         if not carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
             return _slip_at(self.slip, reading, self._moved_mm, force.wrench), corrected
