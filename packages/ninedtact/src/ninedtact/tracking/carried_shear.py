@@ -10,7 +10,6 @@ coefficients, the nodes of a Gauss–Hermite quadrature over what is known of th
 """
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import cv2
 import numpy as np
@@ -22,9 +21,10 @@ from scipy.special import ndtr
 from ninedtact.design import Gel
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, slip_mask, solve_shear
 from ninedtact.mechanics.numpy_or_torch_arrays import sum_over_grid
-from ninedtact.mechanics.skin import DisplacementOperators, PeriodicGrid, Skin
+from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.tracking.object_tracker import ObjectMotion
+from ninedtact.tracking.sliding_load import skin_of
 from ninedtact.tracking.sliding_springs import FRICTION_PRIOR, FRICTION_PRIOR_WIDTH, KNOWN_FRICTION_WIDTH
 from ninedtact.tracking.slip import INCIPIENT_SHARE
 
@@ -153,7 +153,7 @@ class CarriedSkin:
             return None
         limit = FrictionLimit(_friction_coefficients(friction)[:, None, None] * pressure_mpa)
         tolerance_mm = np.full((len(_NODES), 1, 1), _TOLERANCE_MM, np.float32)
-        operators = _operators(now.grid, traction.gel)
+        operators = skin_of(now.grid, traction.gel).operators
         self._shear = solve_shear(operators, target_mm, limit, self._shear, tolerance_mm, _MAX_ITERATIONS)
         self._last = now
         return _summarise(now, pressure_mpa, limit, self._shear.shear_mpa, traction.gel, float(motion.std[5]))
@@ -167,7 +167,7 @@ def _skin_at_rest(traction: Traction) -> tuple[_Placed, ShearSolution]:
     centre_mm = _mean_over(middle.points_mm, _sample(traction, middle.points_mm))
     none = np.zeros((len(_NODES), 1, 1), np.float32)
     still = np.zeros((len(_NODES), 2, side, side), np.float32)
-    step_length = _operators(grid, traction.gel).first_step_lengths(none)[1]
+    step_length = skin_of(grid, traction.gel).operators.first_step_lengths(none)[1]
     return replace(middle, centre_mm=centre_mm), ShearSolution(still, still, none, none, none, step_length)
 
 
@@ -234,8 +234,3 @@ def _mean_over(values: Float[Array, "n rows cols"], weight: Float[Array, "rows c
 def _columns(field_mm: Float[Array, "*nodes 2 rows cols"]) -> Float[Array, "*nodes 2 points"]:
     """Return a field of vectors as a matrix of columns."""
     return field_mm.reshape(*field_mm.shape[:-2], -1)
-
-
-@cache
-def _operators(grid: PeriodicGrid, gel: Gel) -> DisplacementOperators:
-    return Skin(grid, gel).operators
