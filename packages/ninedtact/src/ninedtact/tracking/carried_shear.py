@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
-from scipy.fft import next_fast_len
 from scipy.special import ndtr
 
 from ninedtact.design import Gel
@@ -24,7 +23,7 @@ from ninedtact.mechanics.numpy_or_torch_arrays import sum_over_grid
 from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.tracking.object_tracker import ObjectMotion
-from ninedtact.tracking.sliding_load import skin_of
+from ninedtact.tracking.sliding_load import skin_of, square_grid
 from ninedtact.tracking.sliding_springs import FRICTION_PRIOR, FRICTION_PRIOR_WIDTH, KNOWN_FRICTION_WIDTH
 from ninedtact.tracking.slip import INCIPIENT_SHARE
 
@@ -43,7 +42,7 @@ _AT_LIMIT = 0.9
 """Part of what friction holds from which a place counts as sliding: at rest, noise of the pressure lifts the limit off it."""
 _ANY_TORQUE_NM = 1.0
 """Standard deviation of a torque without a stated error: more than any that a gel bears."""
-_MARGIN_CELLS, _TOLERANCE_MM, _MAX_ITERATIONS = 8, 2e-3, 60
+_TOLERANCE_MM, _MAX_ITERATIONS = 2e-3, 60
 
 
 @dataclass(frozen=True)
@@ -161,12 +160,11 @@ class CarriedSkin:
 
 def _skin_at_rest(traction: Traction) -> tuple[_Placed, ShearSolution]:
     """Return a grid about the centre of pressure, over skin that is not sheared."""
-    side = next_fast_len(max(traction.pressure_mpa.shape) + _MARGIN_CELLS, real=True)
-    grid = PeriodicGrid(side, side, traction.mm_per_px)
+    grid = square_grid(traction)
     middle = _Placed(grid, np.zeros(2), 0.0)
     centre_mm = _mean_over(middle.points_mm, _sample(traction, middle.points_mm))
     none = np.zeros((len(_NODES), 1, 1), np.float32)
-    still = np.zeros((len(_NODES), 2, side, side), np.float32)
+    still = np.zeros((len(_NODES), 2, *grid.shape), np.float32)
     step_length = skin_of(grid, traction.gel).operators.first_step_lengths(none)[1]
     return replace(middle, centre_mm=centre_mm), ShearSolution(still, still, none, none, none, step_length)
 

@@ -25,9 +25,8 @@ def overread_of_sliding(traction: Traction) -> float:
     """
     if not traction.pressure_mpa.any():
         return 1.0
-    side = next_fast_len(max(traction.pressure_mpa.shape) + _MARGIN_CELLS, real=True)
-    skin = skin_of(PeriodicGrid(side, side, traction.mm_per_px), traction.gel)
-    fields = np.zeros((3, side, side), np.float32)
+    skin = skin_of(square_grid(traction), traction.gel)
+    fields = np.zeros((3, *skin.grid.shape), np.float32)
     rows, cols = traction.pressure_mpa.shape
     fields[0, :rows, :cols], fields[1:, :rows, :cols] = traction.pressure_mpa, traction.shear_mpa
     pressure, shear = fields[0], fields[1:]
@@ -46,6 +45,12 @@ def as_it_slides(force: WrenchEstimate, overread: float) -> WrenchEstimate:
         return force
     traction = replace(traction, pressure_mpa=traction.pressure_mpa / np.float32(overread))
     return replace(force, wrench=traction.wrench(), traction=traction)
+
+
+def square_grid(traction: Traction) -> PeriodicGrid:
+    """Return a grid on which the contact is apart from its periodic images, however it is turned."""
+    side = next_fast_len(max(traction.pressure_mpa.shape) + _MARGIN_CELLS, real=True)
+    return PeriodicGrid(side, side, traction.mm_per_px)
 
 
 @cache
