@@ -19,6 +19,7 @@ from ninedtact.tracking.carried_shear import CarriedSkin
 from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
+from ninedtact.tracking.sliding_load import as_it_slides, overread_of_sliding
 from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
 
@@ -89,8 +90,10 @@ class ContactTracker:
             slip, self._slips = self.slip.release(), {}
             self.carried.release()
         elif contacts and reading.force is not None:
-            slip, force = self._slip_and_force(reading, motion, reading.force)
-            slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
+            traction = _traction(reading)
+            overread = overread_of_sliding(traction)
+            slip, force = self._slip_and_force(reading, motion, reading.force, traction, overread)
+            slips = self._slips_of(reading, contacts, overread) if len(contacts) > 1 else (slip,)
             if len(contacts) == 1 and contacts[0].force is not None:
                 contacts = (replace(contacts[0], force=force),)
             reading = reading.with_force(force)
@@ -120,27 +123,29 @@ class ContactTracker:
         return imprint_step_mm if agrees else step_mm
 
     def _slip_and_force(
-        self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate
+        self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate, traction: Traction, overread: float
     ) -> tuple[SlipEstimate, WrenchEstimate]:
-        """Return the slip of all contacts together, by the turn of the object where it turns more than it is dragged, and the
-        wrench with the torque that the turn shows."""
-        carried = self.carried.update(motion, _traction(reading), self.slip.friction)
-        if carried is None:
-            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), force
-        corrected = carried.correct(force)
-        if not carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
-            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), corrected
-        turned = replace(
-            self.slip.release(),
-            state=SlipState.INCIPIENT if carried.p_incipient > 0.5 else SlipState.STATIC,
-            p_incipient=carried.p_incipient,
-            p_gross=0.0,  # the middle of a contact that turns about itself sticks
-            sticking_share=carried.sticking_share,
-            speed=0.0,
-        )
-        return turned, corrected
+        """Return the slip of all contacts together, and the wrench: with the load of a contact that slides
+        where all of it does, by the turn of the object where it turns more than it is dragged."""
+        carried = self.carried.update(motion, traction, self.slip.friction)
+        if carried is not None and carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
+            turned = replace(
+                self.slip.release(),
+                state=SlipState.INCIPIENT if carried.p_incipient > 0.5 else SlipState.STATIC,
+                p_incipient=carried.p_incipient,
+                p_gross=0.0,  # the middle of a contact that turns about itself sticks
+                sticking_share=carried.sticking_share,
+                speed=0.0,
+            )
+            return turned, carried.correct(force)
+        slip = _slip_at(self.slip, reading, self._moved_mm, force.wrench, overread)
+        if slip.state == SlipState.GROSS:
+            force = as_it_slides(force, overread)
+        return slip, force if carried is None else carried.correct(force)
 
-    def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
+    def _slips_of(
+        self, reading: Reading, contacts: tuple[ContactPatch, ...], overread: float
+    ) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""
         self._slips = {
             one.number: self._slips.get(one.number, SlipEstimator(least_friction=_LEAST_FRICTION)) for one in contacts
@@ -148,7 +153,7 @@ class ContactTracker:
         return tuple(
             SlipEstimate()
             if one.force is None
-            else _slip_at(self._slips[one.number], reading, one.centre_mm, one.force.wrench)
+            else _slip_at(self._slips[one.number], reading, one.centre_mm, one.force.wrench, overread)
             for one in contacts
         )
 
@@ -173,7 +178,7 @@ def _traction(reading: Reading) -> Traction:
 
 
 def _slip_at(
-    estimator: SlipEstimator, reading: Reading, displacement_mm: Float[Array, "2"], wrench: Wrench
+    estimator: SlipEstimator, reading: Reading, displacement_mm: Float[Array, "2"], wrench: Wrench, overread: float
 ) -> SlipEstimate:
     """Return the slip of an object at a displacement under a load."""
     if estimator.time_s is not None and reading.stamp_ns / 1e9 <= estimator.time_s:
@@ -186,6 +191,7 @@ def _slip_at(
         normal_n,
         CONTACT_CENTRE_STD_MM,
         load_std_n(normal_n),
+        overread,
     )
     return estimator.update(sample)
 
