@@ -30,6 +30,30 @@ def specked(image: BgrImage) -> BgrImage:
     return np.asarray(cv2.circle(image.copy(), (150, 120), 9, tuple(0.5 * image[120, 150]), cv2.FILLED))
 
 
+def flipped(image: BgrImage, code: int) -> BgrImage:
+    return np.asarray(cv2.flip(image, code))
+
+
+def noisily_blurred(image: BgrImage, sigma_px: float) -> BgrImage:
+    noise = np.random.default_rng(int(image.sum())).normal(0, 0.6, image.shape)
+    return times(blurred(image.astype(np.float32), sigma_px) + noise, 1)
+
+
+def as_jpeg(image: BgrImage, quality: int) -> BgrImage:
+    return np.asarray(
+        cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+    )
+
+
+def zoomed(image: BgrImage) -> BgrImage:
+    rows, cols = image.shape[:2]
+    return np.asarray(cv2.resize(image[12 : rows - 12, 16 : cols - 16], (cols, rows)))
+
+
+def banded(image: BgrImage) -> BgrImage:
+    return times(image, 1 + 0.02 * np.sin(np.arange(image.shape[0]) / 27)[:, None, None])
+
+
 FAULTS: dict[str, tuple[tuple[str, ...], Callable[[BgrImage], BgrImage], str]] = {
     "dim": (ALL, lambda image: times(image, 0.5), "dim"),
     "all blurred": (ALL, lambda image: blurred(image, 5), "out of focus"),
@@ -38,6 +62,22 @@ FAULTS: dict[str, tuple[tuple[str, ...], Callable[[BgrImage], BgrImage], str]] =
     "dimmer for the ball": (BALL, lambda image: times(image, 0.9), "gain changed"),
     "speck": (("ball",), specked, "dirt or damage"),
     "mirrored for the ball": (BALL, lambda image: np.ascontiguousarray(image[:, ::-1]), "image mirrored"),
+    "board mirrored": (("board",), lambda image: flipped(image, 1), "image mirrored"),
+    "ball upside down": (("ball",), lambda image: flipped(image, 0), "image mirrored"),
+    "references mirrored": (("board_reference", "ball_reference"), lambda image: flipped(image, 1), "image mirrored"),
+    "board shifted": (("board",), lambda image: np.roll(image, (3, 8), (0, 1)), "camera moved"),
+    "ball shifted": (("ball",), lambda image: np.roll(image, (-4, 3), (0, 1)), "camera moved"),
+    "zoomed for the ball": (BALL, zoomed, "camera moved"),
+    "reference before the ball blurred": (("ball_reference",), lambda image: noisily_blurred(image, 3), "out of focus"),
+    "reference before the board blurred": (
+        ("board_reference",),
+        lambda image: noisily_blurred(image, 3),
+        "out of focus",
+    ),
+    "board blurred": (("board",), lambda image: noisily_blurred(image, 4), "out of focus"),
+    "bands before the ball": (("ball_reference",), banded, "light uneven"),
+    "compressed": (ALL, lambda image: as_jpeg(image, 40), "compressed"),
+    "references dim": (("board_reference", "ball_reference"), lambda image: times(image, 0.5), "gain changed"),
     "one channel full": (ALL, lambda image: times(image, (0.75, 0.9, 1.75)), "overexposed"),
 }
 

@@ -13,12 +13,14 @@ from ninedtact.capture.strict_image_reading import read_image
 from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import build_estimator
 from ninedtact.mechanics.indenter import Ball, FlatPunch
+from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import EstimateWarning, Frame
 from ninedtact.reading import Reading, read_frame
 from ninedtact.shape.image_plausibility import ImageImplausible, find_image_warnings, require_plausible_image
 from ninedtact.shape.lens_and_rectification import to_grey_float
 from ninedtact.shape.sharpness import lacks_detail_of
 from ninedtact.shape.skin_identity import shows_another_skin
+from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.trajectory import ScriptedPress
 from ninedtact.simulation.twin import default_twin
 
@@ -170,6 +172,41 @@ def test_an_image_of_another_real_sensor_is_refused(
             for image in (other.ball, other.ball_reference, other.board_reference):
                 with pytest.raises(ImageImplausible, match="of one sensor"):
                     require_plausible(sensor, reference, image)
+
+
+def test_an_image_that_is_more_compressed_than_its_reference_is_refused_and_says_so(
+    sensor_a: SensorFolder, real_images: dict[str, CalibrationImages]
+) -> None:
+    own = real_images["a"]
+
+    def compressed(image: Image, quality: int) -> Image:
+        return cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+
+    for image, quality in ((own.ball_reference, 40), (own.board_reference, 20)):
+        with pytest.raises(ImageImplausible, match="or more compressed; give images of one sensor, exposure and compr"):
+            require_plausible(sensor_a, own.ball_reference, compressed(image, quality))
+        require_plausible(sensor_a, own.ball_reference, compressed(image, 85))
+
+
+def test_a_dragged_press_is_no_change_of_the_light(twin_sensor: SensorFolder) -> None:
+    """A key that is dragged by 3 mm and turned by 30° sinks the skin on one side, over most of the view."""
+    twin, key = default_twin(), indenter_from_name("key_01")
+    reader = twin_sensor.shape.depth_reader(Frame(twin.renderer(None, 1)))
+    for depth_mm in (0.7, 0.9):
+        press = None
+        for part in np.linspace(0, 1, 7):
+            press = twin.press(press, key, Pose(3 * part, 0, depth_mm, np.deg2rad(30 * part)))
+        assert press is not None
+        reading = read_frame(Frame(twin.renderer(press.corrected, 7)), twin_sensor.shape, reader)
+        assert reading.light.level < 0.993 and reading.light.gain == 1 and not reading.light.warnings
+
+
+def test_gel_brightens_no_more_than_it_is_darkened(twin_sensor: SensorFolder) -> None:
+    """Gel rises by more than 30 % in the hole of a nut that is pressed hard."""
+    twin = default_twin()
+    reference = twin.renderer(None, 1)
+    press = twin.press(None, indenter_from_name("nut_13"), Pose(0, 0, 1.4))
+    assert warnings_of(twin_sensor, reference, twin.renderer(press.corrected, 2)) == ()
 
 
 def test_no_correction_of_the_light_makes_another_sensor_plausible(

@@ -20,11 +20,18 @@ from ninedtact.quantities import BgrImage, Frame
 from ninedtact.shape.image_plausibility import MAX_BORDER_SPREAD, border_light_unevenness
 from ninedtact.shape.lens_and_rectification import Rectification, to_grey_float
 from ninedtact.shape.light_change import LightCorrection
-from ninedtact.shape.sharpness import is_pair_smoothed, is_smoother, measure_sharpness
+from ninedtact.shape.sharpness import (
+    find_detail_shift,
+    is_pair_smoothed,
+    is_smoother,
+    measure_sharpness,
+    shift_image,
+)
 from ninedtact.shape.skin_identity import (
     HIGH_SIMILARITY,
     fine_structure,
     log_brightness,
+    measure_skin_motion,
     shows_another_skin,
     structure_similarity,
 )
@@ -39,7 +46,10 @@ _MIN_GAMMA_CHANGE = 0.1
 """Change of gamma under a press below which it may be the rounding of a gain to whole levels."""
 _MARGIN = 0.12
 """Part of the image on every side that is not compared."""
-_FOCUS = "focus the camera on the skin, switch its autofocus off, clean lens and window, and take all images again"
+_FEIGNED_BY_BLUR = "dirt or damage", "out of focus"
+"""Findings that blur of one image, or another scale, feigns."""
+_MAX_LOG_GAIN = 0.25
+"""Logarithm of a change of the brightness that no press makes, and under which no skin is compared."""
 _LIGHT = "fix exposure, gain and white balance, let the light warm up, and take all images again"
 
 
@@ -53,7 +63,7 @@ def find_image_cause(board: ImagePair | None, ball: ImagePair | None) -> Probabl
         return None
     return (
         _find_bad_exposure(pairs)
-        or (None if board is None or ball is None else _compare_references(board[0], ball[0]))
+        or (None if board is None or ball is None else _compare_references(board, ball))
         or next(filter(None, (_judge_press(name, pair, pairs) for name, pair in pairs.items())), None)
     )
 
@@ -87,57 +97,111 @@ def find_probable_cause(
 
 
 def _find_bad_exposure(pairs: dict[str, ImagePair]) -> ProbableCause | None:
-    """Return that an image is dark or overexposed, or that all reference images are dim."""
+    """Return that an image is dark or overexposed, that all are dim, or that a press has another exposure."""
     for name, pair in pairs.items():
         for what, image in zip((f"image before the {name}", f"image of the {name}"), pair, strict=True):
             fault = find_exposure_fault(image)
             if fault is not None:
                 evidence, _, remedy = fault.sentence.partition("; ")
                 return ProbableCause(fault.kind, f"the {what} has {evidence}", remedy)
-    dim = [dim_warning(pair[0]) for pair in pairs.values()]
-    if dim[0] is None or None in dim:
-        return None
-    evidence, _, remedy = dim[0].removeprefix("dim: ").partition("; ")
-    return ProbableCause("dim", evidence, remedy)
+    dim = [dim_warning(image) for pair in pairs.values() for image in pair]
+    if dim[0] is not None and None not in dim:
+        evidence, _, remedy = dim[0].removeprefix("dim: ").partition("; ")
+        return ProbableCause("dim", evidence, remedy)
+    for name, (before, under) in pairs.items():
+        level = float(np.median(to_grey_float(under) / np.maximum(to_grey_float(before), 1)))
+        if abs(np.log(level)) > _MAX_LOG_GAIN:
+            return _gain_changed(name, level)
+    return None
 
 
-def _compare_references(before_board: BgrImage, before_ball: BgrImage) -> ProbableCause | None:
+def _compare_references(board: ImagePair, ball: ImagePair) -> ProbableCause | None:
     """Return why the images before the two presses do not show one skin in one light."""
+    before_board, before_ball = board[0], ball[0]
     if is_pair_smoothed(before_board, before_ball):
-        return ProbableCause(
-            "out of focus",
-            "the images without contact show neither fine detail of the skin nor the noise of a camera",
-            _FOCUS,
+        return _out_of_focus(
+            "the images without contact show neither fine detail of the skin nor the noise of a camera"
         )
     known = CalibratedReference(before_board, before_board, _middle_of_image(before_board), None)
     found = diagnose_drift(measure_drift(known, before_ball))
-    if not found:
-        return None
+    blurred = None if found and found[0].diagnosis not in _FEIGNED_BY_BLUR else _find_blurred_reference(board, ball)
+    if blurred is not None or not found:
+        return blurred
     cause = found[0].cause
     because = f"in the image before the ball, compared with that before the board, {cause.because}"
     return ProbableCause(cause.cause, because.replace(" than when calibrated", ""), cause.remedy)
 
 
+def _find_blurred_reference(board: ImagePair, ball: ImagePair) -> ProbableCause | None:
+    """Return that an image without contact lacks detail that the two images of the other press show: blurred, or, where it is so
+    of both, at another place or scale.
+    """
+    seen = {"board": measure_sharpness(ball, board[0]), "ball": measure_sharpness(board, ball[0])}
+    lost = [name for name, sharpness in seen.items() if sharpness is not None and sharpness.is_lost]
+    if len(lost) == len(seen):
+        because = "the images of the ball show the skin at another place or scale than those of the board"
+        return ProbableCause(
+            "camera moved", because, "keep camera, zoom and mode as they are, and take all images again"
+        )
+    return _out_of_focus(f"the image before the {lost[0]} lacks detail that the other images have") if lost else None
+
+
 def _judge_press(name: str, pair: ImagePair, pairs: dict[str, ImagePair]) -> ProbableCause | None:
     """Return why a press cannot be compared with the image before it."""
     before, under = pair
-    sharpness = measure_sharpness((pairs["board"][0], pairs["ball"][0]), under) if len(pairs) == 2 else None
-    blurred = ProbableCause("out of focus", f"the image of the {name} lacks detail that the one before it has", _FOCUS)
-    if is_smoother(under, before) or (sharpness is not None and sharpness.is_out_of_focus):
-        return blurred
+    if is_smoother(under, before):
+        return _out_of_focus(f"the image of the {name} lacks detail that the one before it has")
+    known = pairs.get("board", pair)[0], pairs.get("ball", pair)[0]
+    sharpness = measure_sharpness(known, under)
+    is_lost = sharpness is not None and sharpness.is_lost
     grey, reference = to_grey_float(under), to_grey_float(before)
+    if not is_lost and not shows_another_skin(grey, reference):
+        return _find_changed_light(name, pair)
+    for way, code in FLIPS.items():
+        if _shows_skin(cv2.flip(under, code), before, known):
+            because = f"the image of the {name} shows the skin before it {way}"
+            return ProbableCause("image mirrored", because, "keep the camera's rotation and mirroring as they are")
+    motion, shift_px = measure_skin_motion(before, under), find_detail_shift(before, under)
+    for distance_px, there in (
+        (motion.distance_px, motion.undone(under)),
+        (np.hypot(*shift_px), shift_image(under, shift_px)),
+    ):
+        if is_lost and _shows_skin(there, before, known):
+            because = f"the image of the {name} shows the skin before it {distance_px:.0f} px away"
+            return ProbableCause(
+                "camera moved", because, "fix camera and gel in their housing, and take all images again"
+            )
     if shows_another_skin(grey, reference):
-        of_skin = fine_structure(log_brightness(reference))
-        for way, code in FLIPS.items():
-            if structure_similarity(of_skin, fine_structure(log_brightness(cv2.flip(grey, code)))) > HIGH_SIMILARITY:
-                because = f"the image of the {name} shows the skin before it {way}"
-                return ProbableCause("image mirrored", because, "keep the camera's rotation and mirroring as they are")
         return ProbableCause(
             "another sensor's gel",
             f"the image of the {name} does not show the skin of the image before it",
             "take all images of one sensor",
         )
-    return blurred if sharpness is not None and sharpness.is_lost else _find_changed_light(name, pair)
+    return _out_of_focus(f"the image of the {name} lacks detail that the one before it has")
+
+
+def _shows_skin(image: BgrImage, before: BgrImage, known: ImagePair) -> bool:
+    """Return whether an image shows the skin of another at the same place: its fine detail, or its structure where it has none."""
+    sharpness = measure_sharpness(known, image)
+    if sharpness is not None:
+        return sharpness.is_sharp
+    of_skin, of_image = (fine_structure(log_brightness(to_grey_float(one))) for one in (before, image))
+    return structure_similarity(of_skin, of_image) > HIGH_SIMILARITY
+
+
+def _out_of_focus(because: str) -> ProbableCause:
+    return ProbableCause(
+        "out of focus",
+        because,
+        "focus the camera on the skin, switch its autofocus off, clean lens and window, and take all images again",
+    )
+
+
+def _gain_changed(name: str, level: float) -> ProbableCause:
+    because = (
+        f"between the image before the {name} and that of the {name}, the skin became {change_in_words(level - 1)}"
+    )
+    return ProbableCause("gain changed", because, _LIGHT)
 
 
 def _find_changed_light(name: str, pair: ImagePair) -> ProbableCause | None:
@@ -160,9 +224,7 @@ def _find_changed_light(name: str, pair: ImagePair) -> ProbableCause | None:
         return ProbableCause(
             "light uneven", f"{where}, the light along the border of the view changed unevenly", _LIGHT
         )
-    if abs(light.level - 1) > _MAX_GAIN_CHANGE[name]:
-        return ProbableCause("gain changed", f"{where}, the skin became {change_in_words(light.level - 1)}", _LIGHT)
-    return None
+    return _gain_changed(name, light.level) if abs(light.level - 1) > _MAX_GAIN_CHANGE[name] else None
 
 
 def _middle_of_image(image: BgrImage) -> Rectification:

@@ -22,7 +22,8 @@ _LEAST_STEEP = 0.15
 """Slope per cell over the contrast of edges that go on from dirt."""
 _CONTRAST_PER_NOISE = 40.0
 """Contrast, in medians of the slope, below which an edge may be noise or compression."""
-_MAX_DIRT_SHARE = 0.05
+_MAX_DIRT_SHARE = 0.15
+"""Largest share of the view that is replaced: a hair across the view, with its rim, covers a tenth of it."""
 _DIRT_RIM = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (7, 7))
 _CLOSING = np.ones((3, 3), np.uint8)
 _FILLING_SIGMAS, _MIN_FILLING_WEIGHT = (1.5, 3.0, 6.0, 12.0, 24.0), 0.1

@@ -32,11 +32,12 @@ _WHITE = 255.0
 
 _MIN_GAIN_CHANGE = 0.004
 """Change of the median below which the gain is left as it is."""
-_LEVEL_PER_BULGE = 1.1
-"""Largest change of the median that a press makes, per mean brightening of bulges above the median: 504 presses of up to 12 N on
-six twins of real sensors and on bases that yield."""
-_MOST_BRIGHTENED, _MOST_DARKENED = 0.011, 0.0025
-"""The most that it makes of it, also of wide and deep presses; what it loses by dimming is less than what displaced gel gains."""
+_BRIGHTENED_PER_BULGE, _MOST_BRIGHTENED = 1.1, 0.011
+"""Largest rise of the median that a press makes, per mean brightening of bulges above the median, and the most of it: 504 presses
+of up to 12 N on six twins of real sensors and on bases that yield."""
+_DIMMED_PER_CHANGE = 0.5
+"""Largest fall of the median that a press makes, per mean deviation from the median: dragged skin sinks on one side over most of
+the view. 98 of 100 presses of up to 45 N, dragged by 2 mm and turned, stay below 0.42."""
 _GAIN_SPREADS = 0.5
 """Standard deviations of flat skin within which the level is not certain, under deep and wide presses."""
 _MIN_FLAT_SHARE = 0.05
@@ -80,6 +81,17 @@ class LightBands:
     """Whether the bands run along the raw rows; otherwise along the columns, of a camera whose driver rotates its images."""
     factor: Float32[Array, " lines"] = field(repr=False, compare=False)
     """Brightness of every raw row, or column, relative to the mean."""
+
+    def factor_over(self, shape: tuple[int, ...]) -> Float32[Array, "rows cols 1"]:
+        """Return the brightness of every raw pixel relative to the mean."""
+        lines = self.factor[:, None] if self.along_rows else self.factor[None]
+        return np.broadcast_to(lines, shape[:2])[..., None]
+
+    @property
+    def sentence(self) -> str:
+        """The bands in words."""
+        lines = "rows" if self.along_rows else "columns"
+        return f"bands of ±{self.amplitude:.1%} with a period of {self.period_px:.0f} {lines} (dimmed light, rolling shutter)"
 
 
 @dataclass(frozen=True)
@@ -133,11 +145,7 @@ class LightChange:
             side = "brighter" if self.level > 1 else "dimmer"
             found.append(f"the light is {abs(self.level - 1):.1%} {side} than in the reference image{gamma}: {done}")
         if self.bands is not None:
-            lines = "rows" if self.bands.along_rows else "columns"
-            size, period = self.bands.amplitude, self.bands.period_px
-            found.append(
-                f"bands of ±{size:.1%} with a period of {period:.0f} {lines} (dimmed light, rolling shutter): taken out"
-            )
+            found.append(f"{self.bands.sentence}: taken out")
         if self.dirt_spots:
             count = "one spot" if self.dirt_spots == 1 else f"{self.dirt_spots} spots"
             found.append(f"{count} of dirt, {self.dirt_mm2:.2f} mm² in all, on lens or window: masked")
@@ -242,9 +250,12 @@ class LightCorrection:
 
     def _least_gain_change(self, ratio: Cells, level: float, spread: float = 0.0) -> float:
         """Return the change of the median up to which the press itself may have made it; spread: that of flat skin."""
-        bulges = float(np.maximum(ratio[self._seen] - level, 0).mean()) / level
-        most = _MOST_BRIGHTENED if level > 1 else _MOST_DARKENED
-        return _MIN_GAIN_CHANGE + max(min(_LEVEL_PER_BULGE * bulges, most), _GAIN_SPREADS * spread)
+        deviation = ratio[self._seen] / np.float32(level) - 1
+        if level > 1:
+            by_press = min(_BRIGHTENED_PER_BULGE * float(np.maximum(deviation, 0).mean()), _MOST_BRIGHTENED)
+        else:
+            by_press = _DIMMED_PER_CHANGE * float(np.abs(deviation).mean())
+        return _MIN_GAIN_CHANGE + max(by_press, _GAIN_SPREADS * spread)
 
     def _find_bands(self, ratio: Cells) -> LightBands | None:
         """Return the bands on the raw rows or columns, whichever are stronger; None where there are none."""
@@ -265,7 +276,11 @@ class LightCorrection:
         amplitude = float(np.sqrt(2 * power[best] / len(profile)))
         is_few = _CYCLES[best] <= _FEW_CYCLES
         least, most = (_MIN_EXPLAINED_OF_FEW, _MAX_AMPLITUDE_OF_FEW) if is_few else (_MIN_EXPLAINED, np.inf)
-        if power[best] < least * total or not _MIN_BAND_AMPLITUDE <= amplitude <= most:
+        if (
+            power[best] < least * total
+            or _CYCLES[best] > grid.most_cycles
+            or not _MIN_BAND_AMPLITUDE <= amplitude <= most
+        ):
             return None
         is_wide = _CYCLES[best] < _WIDE_CYCLES
         if is_wide and total - power[best] > 0.5 * (total - float(((grid.parabola @ deviation) ** 2).sum())):
@@ -320,6 +335,11 @@ class _ProfileGrid:
     """Raw lines over which a cell averages, as a fraction of their number."""
     lines: int
 
+    @property
+    def most_cycles(self) -> float:
+        """Most cycles that are looked for: three cells or more show one."""
+        return min(float(_CYCLES[-1]), 0.35 / self.cell_lines)
+
     @cached_property
     def waves(self) -> Float[Array, "cycles 2 bins"]:
         """Orthonormal waves of every number of cycles, without a mean."""
@@ -334,7 +354,7 @@ class _ProfileGrid:
 
     def fit_bands(self, deviation: Float[Array, " bins"], cycles: float, along_rows: bool) -> LightBands:
         """Return the bands of this number of cycles and their harmonics, by least squares with outliers given less weight."""
-        orders = [order for order in range(1, _HARMONICS + 1) if order * cycles <= _CYCLES[-1]]
+        orders = [order for order in range(1, _HARMONICS + 1) if order * cycles <= self.most_cycles]
 
         def basis(at: Float[Array, " n"]) -> Float[Array, "n k"]:
             waves = [wave(2 * np.pi * order * cycles * at) for order in orders for wave in (np.cos, np.sin)]

@@ -34,8 +34,6 @@ _MIN_COARSE = 0.5
 """Sharpness of the coarse band from which the skin of an image is comparable with the known one."""
 _SHARP_FINE = 0.5
 """Sharpness of the fine band from which an image shows what a sharp image of its session would show."""
-_MOVED_PX = 3
-"""Largest motion of the skin, in pixels along each axis, at which its detail is looked for."""
 _MAX_BLOCKINESS = 1.5
 """Steps at the borders of blocks of 8 pixels, relative to those between: 2.2 or more in JPEG images of quality 90 and below."""
 _MIN_FINE_SHARE = 0.2
@@ -61,6 +59,11 @@ class Sharpness:
         return self.fine < _MIN_FINE
 
     @property
+    def is_sharp(self) -> bool:
+        """Whether the image shows the fine detail of the skin as a sharp one does, at the same place."""
+        return self.fine >= _SHARP_FINE
+
+    @property
     def is_out_of_focus(self) -> bool:
         """Whether the coarse detail is that of the known skin and the fine one is missing."""
         return self.is_lost and self.coarse > _MIN_COARSE
@@ -70,9 +73,9 @@ def measure_sharpness(known: tuple[BgrImage, BgrImage], image: BgrImage) -> Shar
     """Return the sharpness of an image of the skin of two sharp images, all of one size and without motion between them.
 
     The image may be one of the known images, or an edited copy of one. None where it cannot be told: the known images are one, or
-    show no fine detail, or the image was compressed in blocks.
+    show no fine detail, or one of the images was compressed in blocks.
     """
-    if np.array_equal(*known) or _blockiness(image) > _MAX_BLOCKINESS:
+    if np.array_equal(*known) or any(map(is_compressed, (*known, image))):
         return None
     first, second, today = (_log_brightness(one) for one in (*known, image))
     of_skin = _shared_detail(first, second, _FINE_PX)
@@ -87,22 +90,33 @@ def measure_sharpness(known: tuple[BgrImage, BgrImage], image: BgrImage) -> Shar
 def lacks_detail_of(known: tuple[BgrImage, BgrImage], sharp: BgrImage, image: BgrImage) -> bool:
     """Return whether an image, pressed or not, lacks fine detail of the skin; False where that cannot be told.
 
-    known: two images of the skin. sharp: an image of the same session that shows this detail. The detail is looked for at all
-    motions of the skin by a few pixels.
+    known: two images of the skin. sharp: an image of the same session that shows this detail. The skin may have been shifted.
     """
     before, now = (measure_sharpness(known, one) for one in (sharp, image))
-    if before is None or now is None or before.fine < _SHARP_FINE or not now.is_lost:
+    if before is None or now is None or not before.is_sharp or not now.is_lost:
         return False
-    first, second, detail = (_detail(_log_brightness(one), _FINE_PX) for one in (*known, image))
-    least = _MIN_FINE * _covariance(first, second)
-    reach = range(-_MOVED_PX, _MOVED_PX + 1)
-    moved = (np.roll(detail, (down, right), (0, 1)) for down in reach for right in reach)
-    return all(min(_covariance(one, first), _covariance(one, second)) < least for one in moved)
+    unshifted = measure_sharpness(known, shift_image(image, find_detail_shift(known[0], image)))
+    return unshifted is None or unshifted.is_lost
+
+
+def find_detail_shift(known: BgrImage, image: BgrImage) -> tuple[int, int]:
+    """Return by how many pixels to the right and down the fine detail of the skin is shifted: the peak of the correlation."""
+    first, second = (_detail(_log_brightness(one), _FINE_PX) for one in (known, image))
+    correlation = np.fft.irfft2(np.fft.rfft2(first).conj() * np.fft.rfft2(second), s=first.shape)
+    peak = np.array(np.unravel_index(correlation.argmax(), first.shape))
+    sizes = np.array(first.shape)
+    down, right = ((peak + sizes // 2) % sizes - sizes // 2) * known.shape[1] / first.shape[1]
+    return round(right), round(down)
+
+
+def shift_image(image: BgrImage, shift_px: tuple[int, int]) -> BgrImage:
+    """Return an image without a shift to the right and down; what was beyond one border appears at the other."""
+    return np.roll(image, (-shift_px[1], -shift_px[0]), (0, 1))
 
 
 def is_pair_smoothed(first: BgrImage, second: BgrImage) -> bool:
     """Return whether two images of a skin share no fine detail and one lacks the noise of a camera, so that it is blurred."""
-    if max(_blockiness(first), _blockiness(second)) > _MAX_BLOCKINESS:
+    if is_compressed(first) or is_compressed(second):
         return False
     if min(_pixel_noise(first), _pixel_noise(second)) > _MIN_NOISE_GREY:
         return False
@@ -112,7 +126,7 @@ def is_pair_smoothed(first: BgrImage, second: BgrImage) -> bool:
 
 def is_smoother(image: BgrImage, sharp: BgrImage) -> bool:
     """Return whether an image lacks the noise of the camera that took a sharp image, so that it is blurred."""
-    if max(_blockiness(image), _blockiness(sharp)) > _MAX_BLOCKINESS:
+    if is_compressed(image) or is_compressed(sharp):
         return False
     return _pixel_noise(image) < min(_MIN_NOISE_GREY, _MAX_NOISE_RATIO * _pixel_noise(sharp))
 
@@ -148,6 +162,11 @@ def _pixel_noise(image: BgrImage) -> float:
     down, across = _TILES
     tiles = [tile for row in np.array_split(second, down) for tile in np.array_split(row, across, axis=1)]
     return float(np.median([tile.std() for tile in tiles]) / np.sqrt(6))
+
+
+def is_compressed(image: BgrImage) -> bool:
+    """Return whether an image was compressed in blocks, as JPEG does."""
+    return _blockiness(image) > _MAX_BLOCKINESS
 
 
 def _blockiness(image: BgrImage) -> float:

@@ -10,6 +10,7 @@ from ninedtact.calibration.brightness_change import MAX_UNEVENNESS
 from ninedtact.calibration.drift.measurement import DriftMeasurement
 from ninedtact.calibration.drift.reference_check import (
     EXPLAINED_BY_GAMMA,
+    DriftDiagnosis,
     DriftFinding,
     change_in_words,
     find_gamma_change,
@@ -17,6 +18,7 @@ from ninedtact.calibration.drift.reference_check import (
     position_in_words,
 )
 from ninedtact.quantities import centred_axis_mm
+from ninedtact.shape.light_change import LightBands
 from ninedtact.shape.skin_identity import MAX_SHIFT_PX, MAX_TURN_DEG
 
 _MAX_BRIGHTNESS_CHANGE = 0.03
@@ -28,8 +30,39 @@ _MAX_LIGHT_MOTION = 4.0
 _MAX_NAMED_MARKS = 3
 
 
+_FEIGNED_BY_COMPRESSION: tuple[DriftDiagnosis, ...] = (
+    "another sensor's gel",
+    "something touches the gel",
+    "camera moved",
+    "dirt or damage",
+)
+"""Findings that compression feigns: it hides the structure of the skin, and its blocks show another one."""
+
+
+_FEIGNED_BY_BANDS: tuple[DriftDiagnosis, ...] = (
+    "camera moved",
+    "dirt or damage",
+    "light uneven",
+    "gain changed",
+    "light colour changed",
+)
+"""Findings that what is left of bands may feign."""
+
+
 def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
     """Return all findings, the most probable cause first; of a pressed, unknown or mirrored skin nothing else is diagnosed."""
+    found = _findings_without_compression(drift)
+    if drift.bands is not None and (not found or found[0].diagnosis in _FEIGNED_BY_BANDS):
+        found = [_find_bands(drift.bands), *found]
+    if not drift.is_compressed or not found or found[0].diagnosis not in _FEIGNED_BY_COMPRESSION:
+        return found
+    because = f"the images are compressed in blocks, which hide the skin: {found[0].because}"
+    remedy = "save PNG images, from a camera in an uncompressed mode or in motion JPEG of a higher quality"
+    return [DriftFinding("compressed", because, remedy, None)]
+
+
+def _findings_without_compression(drift: DriftMeasurement) -> list[DriftFinding]:
+    """Return all findings on images that show the skin."""
     grave = find_reference_image_fault(drift)
     dim = _find_dim_light(drift)
     if dim is not None and (
@@ -56,6 +89,12 @@ def diagnose_drift(drift: DriftMeasurement) -> list[DriftFinding]:
     # Each bends the measures of the others a little: what is furthest beyond its limit is the cause.
     by_weight = sorted(rest, key=lambda weighed: -weighed[0])
     return [finding for _, finding in by_weight if finding is not None]
+
+
+def _find_bands(bands: LightBands) -> DriftFinding:
+    """Return the finding of bands in the light."""
+    remedy = "dim the LEDs by current, not by pulses, or expose for a multiple of their period"
+    return DriftFinding("light uneven", f"the image has {bands.sentence}", remedy, None)
 
 
 def _find_dim_light(drift: DriftMeasurement) -> DriftFinding | None:

@@ -28,8 +28,8 @@ from ninedtact.shape.deblurring import block_means
 from ninedtact.shape.depth import DepthCurve
 from ninedtact.shape.image_plausibility import border_light_unevenness
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX, Rectification, to_grey_float
-from ninedtact.shape.light_change import GammaFit, fit_gamma
-from ninedtact.shape.sharpness import Sharpness, is_smoother, measure_sharpness
+from ninedtact.shape.light_change import GammaFit, LightBands, LightCorrection, fit_gamma
+from ninedtact.shape.sharpness import Sharpness, is_compressed, is_smoother, measure_sharpness
 from ninedtact.shape.skin_identity import HIGH_SIMILARITY, SkinMotion, measure_skin_motion
 
 FLIPS = {"turned by 180°": -1, "mirrored left to right": 1, "mirrored top to bottom": 0}
@@ -141,6 +141,10 @@ class DriftMeasurement:
     """Gamma and gain that explain the change of the brightness; None where they cannot be told."""
     border_light_unevenness: float = 0.0
     """How much the light along the border of the view changed unevenly, which a press leaves as it is."""
+    bands: LightBands | None = None
+    """Bands of a dimmed light in today's image, which all else is measured without."""
+    is_compressed: bool = False
+    """Whether one of the images was compressed in blocks, which hide and feign the structure of the skin."""
 
     def equivalent_height_mm(self, change: float) -> float:
         """Return the depth that corresponds to a relative change at the image's mean brightness."""
@@ -165,7 +169,14 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
     """
     require_image_size(today, *known.rectify.raw_shape, "today's image")
     require_usable_exposure("reference image", today)
+    is_blocky = any(map(is_compressed, (today, known.lens_image, known.depth_image)))
     nearest = measure_skin_motion(known.depth_image, today)
+    bands = LightCorrection(known.rectify)(known.rectify(Frame(nearest.undone(today))), known.rectified_reference)[
+        1
+    ].bands
+    if bands is not None:
+        today = np.clip(np.rint(today / bands.factor_over(today.shape)), 0, 255).astype(np.uint8)
+        nearest = measure_skin_motion(known.depth_image, today)
     moved = measure_skin_motion(known.lens_image, today)
     change = _measure_brightness_change(known, today, nearest)
     if change.contact is not None and moved.is_same_skin and known.lens_image is not known.depth_image:
@@ -185,6 +196,8 @@ def measure_drift(known: CalibratedReference, today: BgrImage) -> DriftMeasureme
         is_smoother(today, known.depth_image),
         _fit_gamma(known, today, moved if moved.is_same_skin else nearest),
         border_light_unevenness(known.rectify(Frame(nearest.undone(today))), known.rectified_reference),
+        bands,
+        is_blocky,
     )
 
 

@@ -46,6 +46,7 @@ DriftDiagnosis = Literal[
     "out of focus",
     "image mirrored",
     "camera moved",
+    "compressed",
     "dim",
     "gamma changed",
     "light uneven",
