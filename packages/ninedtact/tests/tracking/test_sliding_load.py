@@ -52,10 +52,11 @@ def test_load_and_friction_of_a_gear_that_slides_are_those_of_the_twin(physical_
         if number < 18 or number > 34:  # it is pressed before, and held after
             continue
         frame = Frame(twin.renderer(step.press.corrected, number), round((number + 1) * 1e9 / 60), number)
-        found = tracker.update(estimator.add_force(read_frame(frame, shape, reader)))
+        alone = estimator.add_force(read_frame(frame, shape, reader))
+        found = tracker.update(alone)
         if found.slip.state == SlipState.GROSS and step.slip.state == SlipState.GROSS:
-            assert found.force is not None and found.reading.wrench is not None
-            each = found.force.wrench, found.reading.wrench, step.press.wrench
+            assert found.reading.wrench is not None and alone.wrench is not None
+            each = found.reading.wrench, alone.wrench, step.press.wrench
             loads_n.append(tuple(-float(wrench.force_n[2]) for wrench in each))
             frictions.append(found.slip.friction)
     followed_n, of_images_n, true_n = np.mean(loads_n, axis=0)
