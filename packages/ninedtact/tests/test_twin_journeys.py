@@ -73,7 +73,7 @@ BAD = {
     "--object ball:4 --depth-mm 3.2": "the gel allows, 3.125 mm, got 3.2",
     "--object ball:4 --load-n -3": "above zero, got -3 N",
     "--object ball:4 --depth-mm -1": "above zero, got -1 mm deep",
-    "--object ball:4 --depth-mm nan": "above zero, got nan",
+    "--object ball:4 --depth-mm nan": "--depth-mm to be a number, got nan",
     "--object ball:4 --depth-mm 1 --seed -1": "expected a seed of zero or more, got -1",
     "--object ball:4": "expected a depth or a load, got neither",
     "--object ball:4 --depth-mm 1 --load-n 3": "expected a depth or a load, got both",

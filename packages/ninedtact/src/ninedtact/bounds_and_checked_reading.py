@@ -19,8 +19,10 @@ whether they are still those that the program wrote.
 import json
 import re
 import stat
+import sys
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields, is_dataclass
 from functools import cache, wraps
 from hashlib import sha256
@@ -37,7 +39,6 @@ from zlib import error as ZlibError
 import msgspec
 from beartype import BeartypeConf
 from beartype.door import is_bearable
-from jaxtyping import jaxtyped
 from msgspec import Meta
 
 import ninedtact
@@ -93,7 +94,7 @@ def checks_arguments(item: Checked) -> Checked:
     @wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
         kinds = _kinds(function)
-        with jaxtyped("context"):  # an axis of one name has one length in all arguments
+        with _scope_of_axes():
             for name, value in (*zip(names, arguments, strict=False), *named.items()):
                 for expected, got in _violations(value, kinds.get(name, Any)):
                     place = f"{name} of {owner}" if expected.startswith("to be") else name
@@ -101,6 +102,15 @@ def checks_arguments(item: Checked) -> Checked:
         return function(*arguments, **named)
 
     return call  # type: ignore[return-value]
+
+
+def _scope_of_axes() -> AbstractContextManager[Any]:
+    """Return a block in which an axis of one name has one length.
+
+    jaxtyping imports NumPy, which commands do without until they run; before it is there, no argument can be an array.
+    """
+    jaxtyping = sys.modules.get("jaxtyping")
+    return nullcontext() if jaxtyping is None else jaxtyping.jaxtyped("context")
 
 
 @cache
