@@ -29,8 +29,8 @@ _MAX_OVEREXPOSED = 0.5
 _DARKEST_MEDIAN = 0.6
 _MEDIAN_RANGE = 0.8, 1.2
 """Median brightness relative to the reference image; wide deep presses dim the whole image by up to a tenth."""
-_MAX_BRIGHTENING = 1.4
-"""Brightness relative to the reference image above which gel cannot bulge: up to 1.34 in the hole of a nut under 39 N."""
+_MAX_BRIGHTENING = 1.3
+"""Brightness relative to the reference image above which gel cannot bulge."""
 _BRIGHT_PERCENTILE = 99.5
 _MAX_MEAN_HEIGHT_MM = 0.25
 """Largest mean height of the view, either way: gel that is pressed in bulges elsewhere, and little of it beyond the view."""
