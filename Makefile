@@ -183,7 +183,7 @@ CALIBRATE_A = .venv/bin/ninedtact calibrate --out out/demo/sensor_a \
 	--ball-reference $(REAL)/sensor_a/ball_reference.png --ball $(REAL)/sensor_a/ball.png
 
 # Measured figures beside those of their peers; docs/figures.md holds the latest. One alone: make benchmarks/board_accuracy
-SHARED_BY_BENCHMARKS := ball_in_layer figures live_page neo_hookean original real_images turns
+SHARED_BY_BENCHMARKS := ball_in_layer figures live_page neo_hookean original real_images real_sensor_twins turns
 BENCHMARKS := $(filter-out $(SHARED_BY_BENCHMARKS) chaos soak,$(basename $(notdir $(wildcard benchmarks/*.py))))
 .PHONY: $(addprefix benchmarks/,$(BENCHMARKS))
 

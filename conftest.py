@@ -17,7 +17,8 @@ from type_checker import begin_test, check_calls  # noqa: E402
 
 _PACKAGES = Path(__file__).parent / "packages"
 if not os.environ.get("JAXTYPING_DISABLE"):
-    jaxtyping.jaxtyped = check_calls  # type: ignore[assignment]
+    jaxtyped = jaxtyping.jaxtyped
+    jaxtyping.jaxtyped = lambda *context, **kinds: check_calls(**kinds) if kinds else jaxtyped(*context)  # type: ignore[assignment]
     jaxtyping.install_import_hook(
         sorted(
             f"{path.parent.name}.{path.stem}" for path in _PACKAGES.glob("*/src/*/*") if not path.stem.startswith("__")

@@ -18,6 +18,7 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least, at_most
 from real_images import calibrated, calibration_images
+from real_sensor_twins import twins_of_real_fits
 
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
 from ninedtact.calibration.save import save_sensor
@@ -31,7 +32,6 @@ from ninedtact.reference_images import FollowingSettings, ReferenceImages
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.objects.catalogue import indenter_from_name
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 
 RATE_HZ = 1.0
 BALLS = "ball:2", "ball:4", "ball:8"

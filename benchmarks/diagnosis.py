@@ -17,12 +17,12 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least
 from real_images import calibrated, calibration_images, sensor_folders
+from real_sensor_twins import twins_of_real_fits
 
 from ninedtact.calibration.diagnosis import find_image_cause
 from ninedtact.calibration.drift.diagnosis import diagnose_drift
 from ninedtact.calibration.drift.measurement import CalibratedReference, measure_drift
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.sensor_population import sample_sensor
 
 RIGHT_SHARE = 0.9

@@ -17,6 +17,7 @@ import numpy as np
 import tyro
 from force_on_real_fits import calibrate_twin, stated_design
 from real_images import REAL, calibrated
+from real_sensor_twins import twins_of_real_fits
 from scipy.interpolate import griddata
 
 from ninedtact.calibration.procedure import CalibrationImages, calibrate
@@ -35,7 +36,6 @@ from ninedtact.quantities import Frame, WrenchEstimate
 from ninedtact.reading import read_frame
 from ninedtact.simulation.calibration_images import simulate_calibration_images
 from ninedtact.simulation.twin import Twin
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.sensor_population import SampledSensor
 
 SENSOR = "L"

@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 import tyro
 from real_images import calibrated
+from real_sensor_twins import twins_of_real_fits
 
 from ninedtact.calibration.ball.ball_fit import depth_curve_of_brightness_model
 from ninedtact.calibration.certificate.checks import compute_certificate_checks
@@ -47,7 +48,6 @@ from ninedtact.simulation.objects.catalogue import PAPER_COUNT, generate_object,
 from ninedtact_train.batched.session_requests import SimulatedSetup, run_session_on_cpu
 from ninedtact_train.dataset.generation.press_session import PressSettings, RandomPress
 from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.sensor_population import SampledSensor, rectified_renderer
 
 Wrong = Literal["nothing", "pitch", "radius", "thinner", "thicker", "yielding_base", "linear"]

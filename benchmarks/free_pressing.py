@@ -31,7 +31,7 @@ from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
 from ninedtact.recording import RecordingMetadata, RecordingWriter, Topic
-from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.recorded_pressing import RecordedPressing
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence

@@ -15,6 +15,7 @@ import numpy as np
 import tyro
 from force_on_real_fits import REFERENCES, SENSOR_FILE, calibrate_twin, decoded, encoded, make_presses
 from real_images import calibrated
+from real_sensor_twins import twins_of_real_fits
 
 from ninedtact.calibration.force_calibration import STANDARD_GRAVITY, KnownLoadCalibration, PressImage
 from ninedtact.calibration.save import save_sensor
@@ -27,7 +28,6 @@ from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import Frame
 from ninedtact.reading import read_frame
 from ninedtact_train.evaluation import WrenchPredictions, evaluate_predictions
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.sensor_population import SampledSensor
 
 WEIGHED_N = (0.5, 1.0, 2.0, 4.0, 8.0)

@@ -84,6 +84,8 @@ class Step:
     """What is found of the twin's own displacement and loads, the most that `SlipEstimator` can tell."""
     found_in_s: float
     """Processor time."""
+    sliding_loads: tuple[float, float] | None
+    """While it slides and is found to: F_z over the true one, followed and of the image alone."""
 
 
 @dataclass
@@ -121,7 +123,8 @@ def follow(rig: Rig, indenter: Indenter, settings: MotionSettings, kind: str) ->
         spent_s = process_time() - began
         pose, force_n = step.press.pose, step.press.wrench.force_n
         by_true_loads = judge.update(sample_of(np.array([pose.x_mm, pose.y_mm, *force_n]), number))
-        yield Step(truth, found.slip, slid_mm, torques(step.press, found), by_true_loads, spent_s)
+        loads = sliding_loads(step.press, reading, found) if truth.state == SlipState.GROSS else None
+        yield Step(truth, found.slip, slid_mm, torques(step.press, reading, found), by_true_loads, spent_s, loads)
 
 
 def sample_of(row: np.ndarray, number: int) -> SlipSample:
@@ -129,13 +132,23 @@ def sample_of(row: np.ndarray, number: int) -> SlipSample:
     return SlipSample((number + 1) / HZ, row[:2], row[2:4], -float(row[4]), CONTACT_CENTRE_STD_MM, load_std_n(row[4]))
 
 
-def torques(press: Press, found: TrackedContacts) -> Torques | None:
+def torques(press: Press, reading: Reading, found: TrackedContacts) -> Torques | None:
     """Return the torques of one image; None where no torque is seen in the turn of the object."""
-    alone, followed = found.reading.force, found.force
+    alone, followed = reading.force, found.reading.force
     if alone is None or followed is None or not found.contacts or not 0 < found.motion.std[5] < SEEN_TURN_RAD:
         return None
-    numbers = press.wrench.six[5], alone.about_skin_centre().wrench.six[5], followed.wrench.six[5], followed.std[5]
+    alone, followed = alone.about_skin_centre(), followed.about_skin_centre()
+    numbers = press.wrench.six[5], alone.wrench.six[5], followed.wrench.six[5], followed.std[5]
     return Torques(*(1e3 * float(number) for number in numbers))
+
+
+def sliding_loads(press: Press, reading: Reading, found: TrackedContacts) -> tuple[float, float] | None:
+    """Return F_z over the true one, followed and of the image alone; None where gross slip is not found."""
+    alone, followed = reading.wrench, found.reading.wrench
+    if alone is None or followed is None or found.slip.state != SlipState.GROSS:
+        return None
+    true_n = press.wrench.force_n[2]
+    return float(followed.force_n[2] / true_n), float(alone.force_n[2] / true_n)
 
 
 def torque_figures(name: str, twists: Sequence[Sequence[Step]]) -> Iterator[Figure]:
@@ -397,6 +410,7 @@ def measure(name: str, sensor: SensorFolder, quick: bool) -> list[Figure]:
         ),
         at_most(f"{name}: false alarms in {hours:.2g} hours of holding", alarms, 0),
         *friction_figures(name, errors),
+        load_figure(name, sequences),
         at_least(f"{name}: 1 to 4 fingertips, number right", tips.right / tips.images, 0.98),
         at_least(f"{name}: skill of F_z of each fingertip", float(skill[2]), 0.85),
         Figure(
@@ -420,6 +434,13 @@ def turned_figures(name: str, turned: dict[tuple[str, str], list[Step]]) -> Iter
     yield Figure(f"{what}, without twists of balls and rings", float(f1_scores(confusion(seen)).mean()))
     both = (float(f1_scores(confusion(again, by_true_loads)).mean()) for by_true_loads in (False, True))
     yield Figure(f"{name}: macro-F1 of regrasps; by the twin's own loads", ", ".join(f"{score:.2f}" for score in both))
+
+
+def load_figure(name: str, sequences: Sequence[Sequence[Step]]) -> Figure:
+    """Return the error of the load while objects slide: mean over all images."""
+    loads = np.array([step.sliding_loads for steps in sequences for step in steps if step.sliding_loads])
+    followed, alone = np.abs(loads - 1).mean(axis=0).tolist()
+    return Figure(f"{name}: load while it slides, mean error followed; of the image alone", followed, peer=alone)
 
 
 def friction_figures(name: str, errors: list[FrictionError]) -> Iterator[Figure]:

@@ -110,7 +110,7 @@ def judge(drag: "Drag") -> Judged:
     """Return what is found in the images of a sequence, and how far it is from the truth."""
     began = process_time()
     source = ImageSequence(drag.images, drag.rate_hz)
-    with open_rectified(source, read_reference_frames(source).frames) as sensor:
+    with open_rectified(source, read_reference_frames(source)) as sensor:
         tracker = SequenceTracker()
         for reading in sensor:
             tracker.add(reading)
@@ -127,7 +127,7 @@ def judge(drag: "Drag") -> Judged:
         drag.item,
         drag.kind,
         labels[labels != ""],
-        np.array(["" if image.slip.state == "unknown" else str(image.slip.state) for image in images])[labels != ""],
+        np.array([image.slip_label for image in images])[labels != ""],
         float(np.sqrt((error_mm**2).sum(axis=1).mean())),
         since.max(axis=1),
         ms,
@@ -261,7 +261,7 @@ def store_as_video(images: list[np.ndarray], rate_hz: float) -> np.ndarray:
 
 def change_light(drag: Drag, factor: np.ndarray | float) -> Drag:
     """Return a sequence whose images are multiplied, (n, rows, cols) or what is broadcast to it."""
-    return replace(drag, images=np.clip(drag.images * factor, 0, 255).astype(np.uint8))
+    return replace(drag, images=np.clip(np.rint(drag.images * factor), 0, 255).astype(np.uint8))
 
 
 def flicker(drag: Drag) -> Drag:

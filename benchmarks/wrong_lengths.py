@@ -21,6 +21,7 @@ import numpy as np
 import tyro
 from figures import Figure, answer, at_least, at_most
 from real_images import calibration_images, sensor_folders
+from real_sensor_twins import twins_of_real_fits
 from scipy.stats import norm
 from second_press import images_with_second_ball
 
@@ -36,7 +37,6 @@ from ninedtact.calibration.twin.ball_press_fit import TwinFit, fit_twin_to_ball_
 from ninedtact.design import BallGauge
 from ninedtact.errors import NinedtactError
 from ninedtact.simulation.calibration_images import simulate_calibration_images
-from ninedtact_train.population.real_sensor_twins import twins_of_real_fits
 from ninedtact_train.population.sensor_population import sample_sensor
 
 FACTORS = (0.8, 0.85, 0.9, 1.1, 1.15, 1.2)

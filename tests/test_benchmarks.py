@@ -19,6 +19,7 @@ SHARED = {
     "neo_hookean",
     "original",
     "real_images",
+    "real_sensor_twins",
     "turns",
 }
 """Modules that benchmarks share."""
@@ -32,13 +33,11 @@ def measured_as_users_run(calibrated_a: Calibration) -> Iterator[None]:
     """Let no types be checked meanwhile: times of benchmarks are those of users. Sensor A is calibrated for all tests at once."""
     before = jaxtyping.config.jaxtyping_disable
     jaxtyping.config.update("jaxtyping_disable", True)
-    sys.path.insert(0, str(BENCHMARKS))
     real_images = importlib.import_module("real_images")
     calibrate = real_images.calibrated
     of_tests = {("sensor_a", "physics"): calibrated_a}
     real_images.calibrated = lambda name, method: of_tests.get((name, method)) or calibrate(name, method)
     yield
-    sys.path.remove(str(BENCHMARKS))
     jaxtyping.config.update("jaxtyping_disable", before)
 
 

@@ -59,8 +59,8 @@ from ninedtact.force.onnx_model import (
     METADATA_KEY,
     stamp_checksum,
 )
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.deblurring import Deblurring

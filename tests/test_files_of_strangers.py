@@ -40,8 +40,8 @@ from ninedtact.design import design_to_toml, read_design_file
 from ninedtact.force.estimator_and_scale import ForceScale, write_force_scale
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.quantities import Wrench
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import LabelledSpan, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.simulation.objects.catalogue import indenter_from_name

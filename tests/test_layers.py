@@ -23,6 +23,7 @@ LAYERS = {
             "bounds_and_checked_reading",
             "csv_table",
             "limited_process",
+            "page_template",
             "required_libraries",
             "robust_noise",
         },
@@ -91,7 +92,7 @@ HEAVY = {
         "ninedtact_train.dataset",
         "ninedtact_hardware",
     },
-    "jinja2": {"ninedtact.calibration", "ninedtact.studio", "ninedtact_train.evaluation", "ninedtact_hardware"},
+    "jinja2": {"ninedtact.page_template", "ninedtact.calibration", "ninedtact.studio"},
 }
 
 

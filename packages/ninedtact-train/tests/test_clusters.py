@@ -24,7 +24,7 @@ from ninedtact.cli import main
 from ninedtact.errors import DeviceError, InputError
 from ninedtact.force.onnx_model import read_force_model
 from ninedtact.parallel_jobs import CONNECT_TIMEOUT_S, connect_workers, require_workers, run_jobs
-from ninedtact.recording.reader import read_folder_files
+from ninedtact.recording.attached_sensor import read_folder_files
 
 pytestmark = pytest.mark.cluster
 GENERATE = """

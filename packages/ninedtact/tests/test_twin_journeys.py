@@ -180,7 +180,7 @@ def test_the_demo_ends_by_itself_without_a_terminal_and_leaves_its_sensor(
 
 
 @pytest.mark.parametrize(
-    ("option", "said"), [(("--rounds", "0"), "--rounds of at least 1"), (("--display-hz", "0"), "--display-hz")]
+    ("option", "said"), [(("--rounds", "0"), "--rounds of at least 1, got 0"), (("--display-hz", "0"), "--display-hz")]
 )
 def test_a_demo_of_nothing_is_refused(
     option: tuple[str, str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -4,14 +4,14 @@ Prices are our own estimates for single pieces in US dollars, rounded to cents, 
 paper states about $15, which is compared with the parts of one sensor alone.
 """
 
-import csv
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from io import StringIO
 from math import ceil
 from typing import Literal
 
+from ninedtact.csv_table import to_csv
 from ninedtact.design import CameraGeometry
+from ninedtact.page_template import render_page
 from ninedtact_hardware.design import HardwareDesign
 from ninedtact_hardware.materials import (
     BLACK_GEL_SILICONE,
@@ -154,13 +154,8 @@ CSV_HEADINGS = "kind", "name", "count", "what", "each_usd_estimated", "together_
 
 def bill_to_csv(items: Sequence[BillItem]) -> bytes:
     """Return the bill of materials as CSV, one line per item."""
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(CSV_HEADINGS)
-    writer.writerows(
-        (item.kind, item.name, item.count, item.what, f"{item.each_usd:.2f}", f"{item.usd:.2f}") for item in items
-    )
-    return text.getvalue().encode()
+    rows = ((item.kind, item.name, item.count, item.what, f"{item.each_usd:.2f}", f"{item.usd:.2f}") for item in items)
+    return to_csv(CSV_HEADINGS, rows)
 
 
 def bill_to_html(design: HardwareDesign, items: Sequence[BillItem], drawn: Collection[str]) -> bytes:
@@ -168,12 +163,12 @@ def bill_to_html(design: HardwareDesign, items: Sequence[BillItem], drawn: Colle
 
     drawn: names of the parts that have an image.
     """
-    # jinja2 is slow to import, and only this function needs it.
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("ninedtact_hardware", ".")
-    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    page = pages.get_template("bill_of_materials.html.jinja")
-    return page.render(
-        design=design, items=items, sections=BILL_SECTIONS, cost_usd=bill_items_cost_usd, drawn=drawn
+    return render_page(
+        "ninedtact_hardware",
+        "bill_of_materials.html.jinja",
+        design=design,
+        items=items,
+        sections=BILL_SECTIONS,
+        cost_usd=bill_items_cost_usd,
+        drawn=drawn,
     ).encode()

@@ -103,7 +103,6 @@ class CheckHardwareCommand:
         """Check the rules; build and measure a design that keeps them."""
         from ninedtact_hardware.buildability import find_broken_rules
 
-        # Read once: a pipe has nothing to give a second time.
         design = self.design_options.read_hardware()
         if broken := find_broken_rules(design):
             return self._refuse([(each.rule, each.message) for each in broken])

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import tomli_w
 
@@ -30,37 +30,28 @@ def read_hardware_design(path: Path | str | None, variant: DesignVariant) -> Har
         return hardware_design_of_variant(SensorDesign(), variant)
     tables = read_design_tables(path)
     hardware = tables.get(HARDWARE_TABLE, {})
-    named, parts = _split_variant(hardware, variant, path)
-    return _replace_dimensions(hardware_design_of_variant(sensor_design_from_tables(tables, path), named), parts, path)
-
-
-def _split_variant(hardware: Any, variant: DesignVariant, path: Path | str) -> tuple[DesignVariant, Any]:
-    if not isinstance(hardware, dict) or VARIANT_KEY not in hardware:
-        return variant, hardware
-    named = hardware[VARIANT_KEY]
+    parts = dict(hardware) if isinstance(hardware, dict) else {HARDWARE_TABLE: hardware}
+    named = parts.pop(VARIANT_KEY, variant)
     if named not in get_args(DesignVariant):
         raise FileFormatError(
             expected=f"hardware.variant of {path} to be one of {', '.join(get_args(DesignVariant))}",
             got=f"{named!r}",
             remedy="correct it",
         )
-    return named, {name: table for name, table in hardware.items() if name != VARIANT_KEY}
-
-
-def _replace_dimensions(design: HardwareDesign, tables: Any, path: Path | str) -> HardwareDesign:
-    if not isinstance(tables, dict) or not all(isinstance(table, dict) for table in tables.values()):
+    if not all(isinstance(table, dict) for table in parts.values()):
         raise FileFormatError(
             expected=f"[hardware] of {path} to hold tables", got="values", remedy="write [hardware.shell] and the like"
         )
-    if unknown := [name for name in tables if name not in PART_TABLES]:
+    if unknown := [name for name in parts if name not in PART_TABLES]:
         raise FileFormatError(
             expected=f"[hardware] tables {', '.join(PART_TABLES)}",
             got=f"{unknown[0]!r} in {path}",
             remedy="correct or remove it",
         )
-    merged = {name: {**asdict(getattr(design, name)), **table} for name, table in tables.items()}
+    design = hardware_design_of_variant(sensor_design_from_tables(tables, path), named)
+    merged = {name: {**asdict(getattr(design, name)), **table} for name, table in parts.items()}
     found = convert_tables_to_design(merged, HardwareDesign, path)
-    return replace(design, **{name: getattr(found, name) for name in tables})
+    return replace(design, **{name: getattr(found, name) for name in parts})
 
 
 def hardware_design_to_toml(design: HardwareDesign) -> str:

@@ -9,8 +9,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
-
 from ninedtact.atomic_write import (
     create_folder_atomically,
     list_foreign_files,
@@ -18,6 +16,7 @@ from ninedtact.atomic_write import (
     write_file_atomically,
 )
 from ninedtact.bounds_and_checked_reading import read_json_object
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.errors import OutputError
 from ninedtact_hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact_hardware.buildable_design import BuildableDesign
@@ -25,7 +24,6 @@ from ninedtact_hardware.clearances import fits_of_part
 from ninedtact_hardware.design_file import hardware_design_to_toml
 from ninedtact_hardware.led_board import read_board_files
 from ninedtact_hardware.part_and_assembly_images import (
-    BgrImage,
     render_exploded_view,
     render_part,
     render_section,
@@ -134,7 +132,7 @@ def _folder_files(sensor: BuildableDesign) -> Iterator[tuple[str, bytes]]:
         yield "led_board/led_board_outline.dxf", part_to_dxf(build_bare_board(sensor.design))
     yield "assembly/sensor.step", assembly_to_step(sensor.bodies)
     for name, drawn in (("sensor", render_sensor), ("exploded", render_exploded_view), ("section", render_section)):
-        yield f"images/{name}.png", _encode_png(drawn(sensor.bodies))
+        yield f"images/{name}.png", encode_png(drawn(sensor.bodies))
     yield "bom.csv", bill_to_csv(sensor.bill)
     yield "bom.html", bill_to_html(sensor.design, sensor.bill, drawn=sensor.parts)
     yield "check.txt", "\n".join(sensor.check_report_lines()).encode()
@@ -149,7 +147,7 @@ def _part_files(sensor: BuildableDesign, part: BuiltPart) -> Iterator[tuple[str,
     if part.method == "cut":
         # The name states the thickness, because a DXF does not.
         yield f"cut/{part.name}_{part.size_mm[2]:.2f}mm.dxf", part_to_dxf(part.solid)
-    yield f"images/{part.name}.png", _encode_png(render_part(part))
+    yield f"images/{part.name}.png", encode_png(render_part(part))
     if part.method in TOLERANCES:
         drawings = draw_part_as_svg_and_pdf(sensor.design, part)
         yield from ((f"drawings/{part.name}.{ending}", content) for ending, content in drawings)
@@ -170,7 +168,3 @@ def _build_manifest(sensor: BuildableDesign, folder: Path) -> dict[str, Any]:
     kept = "variant", "specification", "lens_reach_mm", "interferences", "led_board_differences"
     checks = {name: table[name] for name in kept}
     return {"lengths": "mm", **checks, "parts": parts, "files": [*names, MANIFEST]}
-
-
-def _encode_png(image: BgrImage) -> bytes:
-    return cv2.imencode(".png", image)[1].tobytes()

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 from build123d import Axis, Part, Pos, Rot
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.design import SensorDesign
+from ninedtact.page_template import render_page
 from ninedtact.simulation.twin import paraxial_skin_mm_per_rad
 from ninedtact_hardware.bill_of_materials import mould_clamp_screw_length_mm
 from ninedtact_hardware.buildable_design import BuildableDesign
@@ -39,15 +40,12 @@ OWN_DESIGN = " --design your_design.toml"
 
 def format_fabrication_guide(sensor: BuildableDesign) -> str:
     """Return the fabrication guide of a design as Markdown."""
-    # jinja2 is slow to import, and only this function needs it.
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("ninedtact_hardware", ".")
-    pages = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
     design, published = sensor.design, SensorDesign()
     is_published_size = design == hardware_design_of_variant(published, design.variant)
     variant_option = "" if design.variant == "default" else f" --variant {design.variant}"
-    return pages.get_template("fabrication.md.jinja").render(
+    return render_page(
+        "ninedtact_hardware",
+        "fabrication.md.jinja",
         design=design,
         design_name=f"the {design.variant} design" if is_published_size else "a design of its own",
         design_options=("" if is_published_size else OWN_DESIGN) + variant_option,
@@ -133,7 +131,7 @@ def write_fabrication_guide(sensor: BuildableDesign, out: Path) -> Iterator[Path
         path = out / "images" / f"fabrication_{name}.png"
         bodies = cut_bodies_open(scene.bodies) if scene.cut else scene.bodies
         image = render_solids(colour_bodies(bodies), scene.eye, SIZE_PX)
-        contents[path] = cv2.imencode(".png", image)[1].tobytes()
+        contents[path] = encode_png(image)
         yield path
     page = out / "fabrication.md"
     for path, content in (contents | {page: format_fabrication_guide(sensor).encode()}).items():

@@ -74,16 +74,15 @@ def render_solids(
     cols, rows = (side * SUPERSAMPLING for side in size_px)
     seen = [body.triangles @ eye.axes.T for body in bodies]
     scale, shift = _fit_to_image(seen, cols, rows)
-    depth, drawn = np.full((rows, cols), np.inf), np.full((rows, cols), len(bodies))
+    depth, drawn = np.full((rows, cols), np.inf), np.full((rows, cols), len(bodies), np.int32)
     for number, places in enumerate(seen):
         placed = np.concatenate([places[..., :2] * scale + shift, places[..., 2:]], axis=-1)
         before = depth.copy()
         for portion in split_triangles_into_batches(placed):
             lower_to_triangles(depth, portion)
         drawn[depth < before - COINCIDENT_DEPTH_MM] = number
-    depth *= scale
-    palette = np.array([*(np.minimum(np.array(body.colour[::-1]) + BLACK_LIFT, 255) for body in bodies), [255.0] * 3])
-    return _shade(depth, drawn, palette)
+    colours = [np.minimum(np.array(body.colour[::-1]) + BLACK_LIFT, 255) for body in bodies]
+    return _shade((scale * depth).astype(np.float32), drawn, np.array([*colours, [255.0] * 3], np.float32))
 
 
 def _shade(
@@ -107,7 +106,7 @@ def _fit_to_image(seen: Sequence[Triangles], cols: int, rows: int) -> tuple[floa
 def _brightness(depth_px: DepthImage) -> DepthImage:
     """Return the brightness of every pixel under the light, from the slopes of the depth; 1 beside the bodies."""
     down, right = (_depth_slope(depth_px, axis) for axis in (0, 1))
-    lamp = _LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)
+    lamp = (_LIGHT_DIRECTION / np.linalg.norm(_LIGHT_DIRECTION)).astype(np.float32)
     towards = (right * lamp[0] + down * lamp[1] - lamp[2]) / np.sqrt(right**2 + down**2 + 1)
     light = AMBIENT_LIGHT + (1 - AMBIENT_LIGHT) * np.clip(towards, 0, 1)
     return np.where(np.isfinite(depth_px), light, 1.0)
@@ -129,7 +128,7 @@ def _darken_edges(
 ) -> Float[Array, "rows cols 3"]:
     """Draw dark lines where depth bends or jumps; beside the bodies it is `far_px`."""
     depth = np.where(np.isfinite(depth_px), depth_px, far_px)
-    bend = np.abs(cv2.Laplacian(depth.astype(np.float32), cv2.CV_32F))
+    bend = np.abs(cv2.Laplacian(depth, cv2.CV_32F))
     strength = cv2.GaussianBlur(np.clip((bend - 0.35) / 1.2, 0, 1), (0, 0), 0.8)
     return np.asarray(image * (1 - 0.62 * strength[..., None]))
 

@@ -88,7 +88,7 @@ class LedBoardDimensions:
     driver_at_mm: tuple[_DriverPlaceMm, _DriverPlaceMm] = (3.49, -2.6)
     """Centre of the LED driver: x, and y from the +y edge."""
     resistor_ohm: Annotated[float, Meta(ge=1200.0, le=30000.0)] = 20000.0
-    """R1, which sets the LEDs' current: 1800 V / R in all (led_board/board_parameters.py). The driver follows from 1.2 to 30
+    """R1, which sets the LEDs' current: 1800 V / R in all (`LedOperatingPoint`). The driver follows from 1.2 to 30
     kOhm; below about 3.75 kOhm the current exceeds what LEDs or USB bear, which is refused too."""
 
 

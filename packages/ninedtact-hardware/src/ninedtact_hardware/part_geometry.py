@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from build123d import Axis, Edge, GeomType, Keep, Part, Plane, Wire, section, split
+from build123d import Axis, Edge, GeomType, Keep, Part, Plane, section, split
 from jaxtyping import Float
 from numpy import ndarray as Array
 
@@ -102,12 +102,14 @@ def project_section(part: Part) -> ProjectedView:
     behind = split(part, bisect_by=Plane.YZ, keep=Keep.BOTTOM)
     # Their order differs between processes.
     faces = sorted(section(part, section_by=Plane.YZ).faces(), key=lambda face: (face.center().Y, face.center().Z))
-    bare = tuple(tuple(_wire_to_polyline(wire) for wire in (face.outer_wire(), *face.inner_wires())) for face in faces)
+    bare = tuple(
+        tuple(
+            np.array([place[1:] for edge in wire.order_edges() for place in _sample_edge(edge)])
+            for wire in (face.outer_wire(), *face.inner_wires())
+        )
+        for face in faces
+    )
     return ProjectedView(project_view(Part() + behind, "right").visible, cut=bare)
-
-
-def _wire_to_polyline(wire: Wire) -> Polyline:
-    return np.array([place[1:] for edge in wire.order_edges() for place in _sample_edge(edge)])
 
 
 def _edges_to_polylines(edges: Iterable[Edge]) -> tuple[Polyline, ...]:

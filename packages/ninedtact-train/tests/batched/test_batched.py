@@ -20,7 +20,7 @@ from ninedtact.mechanics.height_grid_indenter import DeviceHeightGrids
 from ninedtact.mechanics.indenter import Ball, FlatPunch
 from ninedtact.mechanics.pose import InvalidPose, Pose
 from ninedtact.parallel_jobs import DaskCluster
-from ninedtact.recording.reader import read_folder_files
+from ninedtact.recording.attached_sensor import read_folder_files
 from ninedtact.simulation.objects.catalogue import generate_object
 from ninedtact.simulation.press import Press
 from ninedtact.simulation.twin import PoseOutOfView

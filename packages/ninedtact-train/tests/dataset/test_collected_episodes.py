@@ -23,8 +23,9 @@ from ninedtact.cli import main
 from ninedtact.design import RectifiedImageSize, SensorDesign
 from ninedtact.errors import DatasetError, InputError
 from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import RecordingCutShort, sensor_folder_attachments
+from ninedtact.recording.reader import RecordingCutShort
 from ninedtact.recording.topics_and_messages import PairLabel, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.depth import DepthCurve, Smoothing

@@ -19,7 +19,7 @@ from ninedtact.atomic_write import FileNotWritten
 from ninedtact.bounds_and_checked_reading import mapping_checksum
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import DatasetError, FileFormatError, InputError, OutputError
-from ninedtact.recording.reader import read_folder_files
+from ninedtact.recording.attached_sensor import read_folder_files
 from ninedtact_train.dataset.build import BuildSettings, build_dataset
 from ninedtact_train.dataset.fault_report import read_quality_report
 from ninedtact_train.workflows.dataset_calibrations import load_simulated_sensors

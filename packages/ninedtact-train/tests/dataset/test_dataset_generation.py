@@ -19,7 +19,7 @@ from built_sets import TWINS, decoded, references_in, rows_in
 from ninedtact.bounds_and_checked_reading import mapping_checksum
 from ninedtact.errors import InputError, OutputError
 from ninedtact.mechanics.indenter import Ball
-from ninedtact.recording.reader import read_folder_files
+from ninedtact.recording.attached_sensor import read_folder_files
 from ninedtact_train.batched.session_requests import run_session_on_cpu
 from ninedtact_train.cli.simulate_dataset import SimulateDatasetCommand
 from ninedtact_train.collecting.training_pair_rule import PairKindShares

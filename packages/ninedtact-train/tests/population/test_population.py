@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from real_sensor_twins import REAL_FITS
 
 from ninedtact.calibration.certificate.length_evidence import ball_clues, board_clues, probabilities_of_wrong_lengths
 from ninedtact.design import PUBLISHED_MM_PER_PX, Gel, SensingArea, SensorDesign, rectified_mm_per_px
@@ -20,7 +21,6 @@ from ninedtact.simulation.gel_brightness import (
     GlarePatch,
 )
 from ninedtact_train.population.mechanics_shares import MechanicsShares
-from ninedtact_train.population.real_sensor_twins import REAL_FITS
 from ninedtact_train.population.sensor_population import (
     CalibrationMisalignment,
     SampledSensor,

@@ -6,7 +6,7 @@ import torch
 from toy import of_heights, of_images
 
 from ninedtact.force.network_input import InputChannels
-from ninedtact_train.training.examples import BatchDataset, rows_of_batches
+from ninedtact_train.training.examples import rows_of_batches
 from ninedtact_train.training.trained_network import LAPLACE_QUANTILES, fit_error_scale_correction
 
 
@@ -30,13 +30,13 @@ def test_all_rows_are_judged_and_only_whole_batches_are_learnt() -> None:
 
 def test_a_batch_is_a_copy_and_carries_its_own_references() -> None:
     examples = of_images()
-    batch = BatchDataset(examples)[np.array([0, 3])].to_float()
+    batch = examples.batch(np.array([0, 3])).to_float()
     assert batch.references is not None
     assert batch.references[:, 0, 0].tolist() == [120, 150]
     batch.wrench[:] = 0
     assert examples.wrench[0].any()
     assert batch.network_input(InputChannels.DEFORMATION).shape == (2, 3, 16, 24)
-    heights = BatchDataset(of_heights())[np.array([0, 3])].to_float().network_input(InputChannels.HEIGHTS_AND_GEL)
+    heights = of_heights().batch(np.array([0, 3])).to_float().network_input(InputChannels.HEIGHTS_AND_GEL)
     assert torch.equal(heights[:, 1], torch.ones(2, 16, 24))
 
 

@@ -42,14 +42,9 @@ def find_entry_point(group: str, name: str) -> EntryPoint | None:
 def installation_command(extras: str) -> str:
     """Return the command that installs extras, such as "train,studio": from the folders of a checkout, or by the name on PyPI."""
     package = Path(__file__).parents[2]
-    if not _is_checkout(package):
+    if not (package / "pyproject.toml").is_file():  # no checkout of the repository
         return f"pip install 'ninedtact[{extras}]'"
     own = ",".join(extra for extra in extras.split(",") if extra not in SIBLINGS)
     folders = [f"{package}[{own}]" if own else str(package)]
     folders += [str(package.parent / SIBLINGS[extra]) for extra in extras.split(",") if extra in SIBLINGS]
     return "pip install " + " ".join(f"-e '{folder}'" for folder in folders)
-
-
-def _is_checkout(folder: Path) -> bool:
-    """Return whether the package lies in a checkout of its repository, and not in the environment that runs it."""
-    return (folder / "pyproject.toml").is_file()

@@ -17,76 +17,152 @@ whether they are still those that the program wrote.
 """
 
 import json
-import os
 import re
 import stat
 import tomllib
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import fields
-from functools import cache
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache, wraps
 from hashlib import sha256
+from inspect import formatannotation, signature
 from numbers import Real
 from operator import ge, gt, le, lt
 from pathlib import Path
-from time import monotonic, sleep
 from tokenize import TokenError
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 from zipfile import BadZipFile
 from zlib import error as ZlibError
 
 import msgspec
+from beartype import BeartypeConf
+from beartype.door import is_bearable
+from jaxtyping import jaxtyped
 from msgspec import Meta
 
+import ninedtact
 from ninedtact.errors import InputError, NinedtactError
 
+Checked = TypeVar("Checked", bound=Callable[..., Any])
+_INTEGERS_ARE_NUMBERS = BeartypeConf(is_pep484_tower=True)
+_MODULES = re.compile(r"\b(?:\w+\.)+(?=\w)")
+_BOUNDED_KIND = re.compile(r"Annotated\[(.*?), Meta\([^()]*\)\]")
 _COMPARISONS = (("ge", "of at least", ge), ("gt", "above", gt), ("le", "of at most", le), ("lt", "below", lt))
 """The attributes of `Meta`, the words for them, and what a value within the bound fulfils."""
 
 
 def require_within_bounds(part: object, table: str = "", refusal: type[NinedtactError] = InputError) -> None:
-    """Raise `refusal` for the first field of a dataclass whose value is outside of the bounds or choices declared beside it.
+    """Raise `refusal` for the first field of a dataclass whose value is of another type, or outside of the bounds beside it.
 
     table: name of the part in a file or of its settings, for the message.
     """
-    for name, kind in _bounded_fields(type(part)):  # type: ignore[arg-type]  # classes are hashable
-        for expected, got in _violations(getattr(part, name), kind):
-            place = f"{table}.{name}" if table else name
-            raise refusal(expected=f"{place} {expected}", got=got, remedy="correct it")
+    place = f"{table}.{{}}" if table else "{}"
+    for name, expected, got in _field_violations(part):
+        raise refusal(expected=f"{place.format(name)} {expected}", got=got, remedy="correct it")
+
+
+def require_options_within_bounds(command: object) -> None:
+    """Raise `InputError` for the first option of a command, or of a group of options in it, whose value is out of its bounds."""
+    for name, expected, got in _field_violations(command):
+        raise InputError(expected=f"--{name.replace('_', '-')} {expected}", got=got, remedy="correct it")
+    for group in vars(command).values():
+        if is_dataclass(group):
+            require_options_within_bounds(group)
+
+
+def _field_violations(part: object) -> Iterator[tuple[str, str, str]]:
+    kinds = _kinds(type(part))  # type: ignore[arg-type]  # classes are hashable
+    for field in fields(part):  # type: ignore[arg-type]  # parts are dataclasses
+        for expected, got in _violations(getattr(part, field.name), kinds[field.name]):
+            yield field.name, expected, got
+
+
+def checks_arguments(item: Checked) -> Checked:
+    """Let a function of the Python API, or the constructor of a class, refuse what its annotations do not allow.
+
+    Raises `InputError`, in one sentence, for an argument of another type or out of its bounds, and for arrays whose axes of one
+    name differ in length.
+    """
+    if isinstance(item, type):
+        item.__init__ = checks_arguments(item.__init__)  # type: ignore[misc]
+        return item
+    function: Callable[..., Any] = item
+    names = tuple(signature(function).parameters)
+    owner = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
+
+    @wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        kinds = _kinds(function)
+        with jaxtyped("context"):  # an axis of one name has one length in all arguments
+            for name, value in (*zip(names, arguments, strict=False), *named.items()):
+                for expected, got in _violations(value, kinds.get(name, Any)):
+                    place = f"{name} of {owner}" if expected.startswith("to be") else name
+                    raise InputError(expected=f"{place} {expected}", got=got, remedy="correct it")
+        return function(*arguments, **named)
+
+    return call  # type: ignore[return-value]
 
 
 @cache
-def _bounded_fields(kind: type) -> tuple[tuple[str, Any], ...]:
-    hints = get_type_hints(kind, include_extras=True)
-    return tuple((field.name, hints[field.name]) for field in fields(kind) if _has_bounds(hints[field.name]))
+def _kinds(item: Callable[..., Any]) -> dict[str, Any]:
+    """Return the types of a function's arguments, or of the fields of a class."""
+    return get_type_hints(item, localns=_PublicNames(), include_extras=True)
 
 
-def _has_bounds(kind: Any) -> bool:
-    if get_origin(kind) is Literal:
-        return True
-    if any(isinstance(each, Meta) for each in getattr(kind, "__metadata__", ())):
-        return True
-    return any(map(_has_bounds, get_args(kind)))
+class _PublicNames(dict[str, Any]):
+    """What annotations may name that their module imports for type checkers alone."""
+
+    def __missing__(self, name: str) -> Any:
+        try:
+            return getattr(ninedtact, name)
+        except AttributeError:
+            raise KeyError(name) from None
 
 
 def _violations(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
-    """Yield what is expected and what is given in its place, in words, for every bound that a value violates."""
+    """Yield what is expected and what is given in its place, in words, where a value has another type, or violates a bound."""
+    value = tuple(value) if isinstance(value, list) else value
+    if is_bearable(value, kind, conf=_INTEGERS_ARE_NUMBERS):
+        yield from _violated_bounds(value, kind)
+    else:
+        yield f"to be {_describe_kind(kind)}", describe_value(value)
+
+
+def _violated_bounds(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
     origin, arguments = get_origin(kind), get_args(kind)
-    if origin is Literal:
-        if value not in arguments:
-            yield f"to be one of {', '.join(map(repr, arguments))}", repr(value)
+    if kind is float and value != value:
+        yield "to be a number", "nan"
     elif origin is Annotated:
         for meta in arguments[1:]:
             if isinstance(meta, Meta) and not _keeps(value, meta):
-                yield describe_bounds(meta), f"{value:g}" if isinstance(value, float) else repr(value)
-        yield from _violations(value, arguments[0])
+                yield describe_bounds(meta), describe_value(value)
+        yield from _violated_bounds(value, arguments[0])
     elif origin is tuple:
         kinds = arguments[:1] * len(value) if Ellipsis in arguments else arguments
-        for number, each in zip(value, kinds, strict=True):
-            yield from _violations(number, each)
-    elif origin in (Union, UnionType) and value is not None:
-        members = [list(_violations(value, each)) for each in arguments if each is not NoneType]
-        yield from min(members, key=len)
+        for each, member in zip(value, kinds, strict=True):
+            yield from _violated_bounds(each, member)
+    elif origin in (Union, UnionType):
+        members = [list(_violated_bounds(value, each)) for each in arguments if is_bearable(value, each)]
+        yield from min(members, key=len, default=())
+
+
+def _describe_kind(kind: Any) -> str:
+    """Return a type as a program would write it, without its modules and bounds."""
+    if get_origin(kind) is Literal:
+        return f"one of {', '.join(map(repr, get_args(kind)))}"
+    bare = _BOUNDED_KIND.sub(r"\1", _MODULES.sub("", formatannotation(kind)))
+    return f"{bare} (axes of one name have one length)" if "ndarray" in bare else bare
+
+
+def describe_value(value: Any) -> str:
+    """Return a value in words, for the message that refuses it."""
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
+        return f"an array of {value.dtype} with shape {value.shape}"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if value is None or isinstance(value, str | bytes | int | tuple | list):
+        return text if len(text := repr(value)) <= 60 else f"{text[:57]}..."
+    return f"a {type(value).__name__}"
 
 
 def _keeps(value: Any, meta: Meta) -> bool:
@@ -120,7 +196,6 @@ NPY_READ_ERRORS = (
     ZlibError,
 )
 """Exceptions that NumPy raises for a damaged .npy or .npz file."""
-_LONGEST_PIPE_S = 5.0
 MOST_TEXT_BYTES = 20_000_000
 """Largest size of a text file that is read."""
 _MOST_TOML_CHARACTERS = 1_000_000
@@ -141,14 +216,11 @@ def read_regular_file(path: Path | str, most_bytes: int | None = None) -> bytes:
     return Path(path).read_bytes()
 
 
-def read_text_file(path: Path | str, accepts_pipe: bool = False) -> str:
+def read_text_file(path: Path | str) -> str:
     """Return the text of a UTF-8 file, without the mark with which some editors and spreadsheets let it begin.
 
     Raises `OSError` as `read_regular_file`, and `UnicodeDecodeError`.
-    accepts_pipe: whether another program may write the text into a pipe, for which it has `_LONGEST_PIPE_S`.
     """
-    if accepts_pipe and Path(path).is_fifo():
-        return _read_pipe(Path(path)).decode("utf-8-sig")
     return read_regular_file(path, MOST_TEXT_BYTES).decode("utf-8-sig")
 
 
@@ -176,25 +248,6 @@ def read_json_object(path: Path | str, most_bytes: int | None = MOST_TEXT_BYTES)
     if not isinstance(found, dict):
         raise ValueError(f"{path} holds no table of names and values")
     return found
-
-
-def _read_pipe(path: Path) -> bytes:
-    """Return what another program writes into a pipe; raises `OSError` where it writes nothing, too long or too much."""
-    pipe, content, began = os.open(path, os.O_RDONLY | os.O_NONBLOCK), b"", monotonic()
-    try:
-        while monotonic() - began < _LONGEST_PIPE_S and len(content) <= MOST_TEXT_BYTES:
-            try:
-                part = os.read(pipe, 65536)
-            except BlockingIOError:
-                part = None
-            if part == b"" and content:
-                return content
-            content += part or b""
-            if not part:
-                sleep(0.01)
-    finally:
-        os.close(pipe)
-    raise OSError(f"{path} is a pipe into which no program wrote a text within {_LONGEST_PIPE_S:g} s")
 
 
 def convert_tables_to_class(tables: Any, kind: Any) -> Any:

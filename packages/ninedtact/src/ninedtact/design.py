@@ -11,6 +11,7 @@ import tomli_w
 from msgspec import Meta
 
 from ninedtact.bounds_and_checked_reading import (
+    checks_arguments,
     convert_tables_to_class,
     parse_toml,
     read_text_file,
@@ -69,35 +70,25 @@ class Gel:
         # A gel of a closed form, or of one step of a fit, may be thicker or softer than one that is made.
         require_positive("gel.thickness_mm", self.thickness_mm)
         require_positive("gel.shear_modulus_mpa", self.shear_modulus_mpa)
-        if not -1 < self.poisson_ratio <= 0.5:
-            raise DesignImpossible(
-                expected="gel.poisson_ratio above −1 and at most 0.5",
-                got=f"{self.poisson_ratio}",
-                remedy="correct the design",
-            )
-        if not 0 <= self.finite_strain <= 1:
-            raise DesignImpossible(
-                expected="gel.finite_strain from 0 to 1", got=f"{self.finite_strain}", remedy="correct the design"
-            )
-        if not self.base_thickness_mm > 0:
-            raise DesignImpossible(
-                expected="gel.base_thickness_mm above zero",
-                got=f"{self.base_thickness_mm}",
-                remedy="correct the design, or set gel.gel_to_base_modulus_ratio to 0 for a gel without a layer below it",
-            )
-        shares, times_s = self.relaxing_shares, self.relaxation_times_s
-        if len(shares) != len(times_s) or sum(shares) >= 1 or any(time_s <= 0 for time_s in times_s):
-            raise DesignImpossible(
-                expected="gel.relaxing_shares below 1 in all, and as many gel.relaxation_times_s above zero",
-                got=f"{shares} and {times_s}",
-                remedy="correct the design",
-            )
-        if not 0 <= self.gel_to_base_modulus_ratio <= 10:
-            raise DesignImpossible(
-                expected="gel.gel_to_base_modulus_ratio from 0, a rigid base, to 10, a base far softer than the gel",
-                got=f"{self.gel_to_base_modulus_ratio}",
-                remedy="correct the design",
-            )
+        shares, times_s, ratio = self.relaxing_shares, self.relaxation_times_s, self.gel_to_base_modulus_ratio
+        are_terms = len(shares) == len(times_s) and sum(shares) < 1 and all(time_s > 0 for time_s in times_s)
+        for expected, got, holds in (
+            ("gel.poisson_ratio above −1 and at most 0.5", self.poisson_ratio, -1 < self.poisson_ratio <= 0.5),
+            ("gel.finite_strain from 0 to 1", self.finite_strain, 0 <= self.finite_strain <= 1),
+            (
+                "gel.base_thickness_mm above zero (a gel without a layer below it has gel.gel_to_base_modulus_ratio 0)",
+                self.base_thickness_mm,
+                self.base_thickness_mm > 0,
+            ),
+            (
+                "gel.relaxing_shares below 1 in all, and as many gel.relaxation_times_s above zero",
+                f"{shares} and {times_s}",
+                are_terms,
+            ),
+            ("gel.gel_to_base_modulus_ratio from 0, a rigid base, to 10", ratio, 0 <= ratio <= 10),
+        ):
+            if not holds:
+                raise DesignImpossible(expected=expected, got=f"{got}", remedy="correct the design")
 
     @property
     def has_rigid_base(self) -> bool:
@@ -272,6 +263,7 @@ class ForceTorqueMount:
         require_within_bounds(self, "force_torque", DesignImpossible)
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SensorDesign:
     """The design of one sensor. The calibration searches for it, the twin simulates it, the hardware is built from it."""
@@ -321,8 +313,8 @@ def sensor_design_from_tables(tables: dict[str, Any], path: Path | str) -> Senso
 def read_design_tables(path: Path | str) -> dict[str, Any]:
     """Read the file's tables, of a sensor folder's `sensor.toml` those of its design; raises `FileFormatError`."""
     try:
-        tables = parse_toml(read_text_file(path, accepts_pipe=True))
-    except (OSError, ValueError, RecursionError) as trouble:
+        tables = parse_toml(read_text_file(path))
+    except (OSError, ValueError) as trouble:
         raise FileFormatError(
             expected="a design in TOML",
             got=f"{path} ({trouble})",

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.source_addresses import RECORDING_SUFFIX, load_recorded_sensor, source_for
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 PathLike = Path | str
 
 
+@checks_arguments
 def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     sensor: "PathLike | SensorFolder | None" = None,
     source: "PathLike | int | FrameSource" = "0",
@@ -73,24 +75,16 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     """
     from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
     from ninedtact.capture.frame_pacing import LatestFrameSource
-    from ninedtact.capture.frame_source import FIXED_EXPOSURE, require_frame_source
+    from ninedtact.capture.frame_source import FIXED_EXPOSURE
 
     source = str(source) if isinstance(source, Path | int) else source
     references = [reference] if isinstance(reference, Path | str) else [] if reference is None else list(reference)
-    if not all(isinstance(one, Path | str) for one in references):
-        raise InputError(
-            expected="paths of reference images", got="images themselves", remedy="save them, or call take_reference()"
-        )
     moments_s = [reference_at_s] if isinstance(reference_at_s, int | float) else reference_at_s
     with ExitStack() as opened:
         if sensor is None:
             sensor = opened.enter_context(load_recorded_sensor(source))
         folder = sensor if isinstance(sensor, SensorFolder) else load_sensor(sensor)
-        frames = (
-            source_for(source, settings or FIXED_EXPOSURE, folder)
-            if isinstance(source, str)
-            else require_frame_source(source)
-        )
+        frames = source_for(source, settings or FIXED_EXPOSURE, folder) if isinstance(source, str) else source
         if isinstance(source, str) and frames.is_live and not frames.is_simulated:
             frames = LatestFrameSource(frames)  # a slow reader neither lags behind nor hears late of a loss
         return assemble_sensor(folder, frames, folder.estimator(force), references, follow_reference, moments_s)

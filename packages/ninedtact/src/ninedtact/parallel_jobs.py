@@ -166,7 +166,6 @@ def _limit_threads() -> threadpool_limits:
 
 
 def _run_job(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
-    """Run a job in a worker process."""
     _limit_threads()  # for good, because other threads of a cluster's worker may run jobs as well
     return function(*job)
 
@@ -174,7 +173,6 @@ def _run_job(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
 def _run_in_processes(
     function: Callable[..., Result], jobs: Iterable[tuple[Any, ...]], workers: int
 ) -> Iterator[tuple[int, Result]]:
-    """Run jobs in processes of this machine; see `run_jobs`."""
     from loky import get_reusable_executor
 
     executor = get_reusable_executor(max_workers=workers, initializer=_watch_parent, initargs=(os.getpid(),))

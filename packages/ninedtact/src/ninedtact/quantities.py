@@ -9,11 +9,14 @@ samples is at index (n − 1)/2. Lengths are in mm; stamps are in ns of the mono
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, Int32, UInt8
+from msgspec import Meta
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.design import Gel
 
 WRENCH_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -42,27 +45,30 @@ BgrImage = UInt8[Array, "_ _ 3"]
 """A colour image as OpenCV and the cameras give it."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Frame:
     """One image from the camera."""
 
     image: UInt8[Array, "rows cols 3"]
     """BGR image."""
-    stamp_ns: int = 0
+    stamp_ns: Annotated[int, Meta(ge=0, lt=1 << 62)] = 0
     """Monotonic clock when the image arrived; 0 for an image without a time."""
-    index: int = 0
+    index: Annotated[int, Meta(ge=0, lt=1 << 32)] = 0
     """Number of this image in its source, counted by the source, dropped images included."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Rectified:
     """Grey brightness (0 to 255) on the skin's own square grid, with lens distortion removed."""
 
     grey: Float32[Array, "rows cols"]
-    mm_per_px: float
+    mm_per_px: Annotated[float, Meta(gt=0)]
     stamp_ns: int = 0
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class HeightMap:
     """Height of the skin above its undeformed plane: negative where indented, positive where it bulges.
@@ -73,10 +79,10 @@ class HeightMap:
     z_mm: Float32[Array, "rows cols"]
     source: UInt8[Array, "rows cols"]
     """A `HeightSource` value per pixel."""
-    mm_per_px: float
-    noise_mm: float = 0.0
+    mm_per_px: Annotated[float, Meta(gt=0)]
+    noise_mm: Annotated[float, Meta(ge=0)] = 0.0
     """Standard deviation of one pixel's height from one image to the next, as the calibration measured it."""
-    camera_distance_mm: float = np.inf
+    camera_distance_mm: Annotated[float, Meta(gt=0)] = np.inf
     """Distance from the camera to the undeformed skin; infinite for an orthographic view."""
     stamp_ns: int = 0
     is_clipped: bool = False
@@ -102,6 +108,7 @@ class HeightMap:
         """Return the coordinates x of the columns and y of the rows."""
         return centred_axis_mm(self.z_mm.shape[1], self.mm_per_px), centred_axis_mm(self.z_mm.shape[0], self.mm_per_px)
 
+    @checks_arguments
     def points_at(self, rows: Int[Array, " n"], cols: Int[Array, " n"]) -> Float64[Array, "n 3"]:
         """Return the points of the skin in mm that these pixels see."""
         x_axis, y_axis = self.axes_mm
@@ -110,6 +117,7 @@ class HeightMap:
         return np.column_stack([x_axis[cols] * scale, y_axis[rows] * scale, z_mm])
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class PointCloud:
     """Points on the skin with outward unit normals, sensor frame, mm."""
@@ -119,6 +127,7 @@ class PointCloud:
     stamp_ns: int = 0
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Mesh:
     """Triangles on the skin, counter-clockwise as seen from outside (normals along +z)."""
@@ -140,6 +149,7 @@ def skin_grid_mm(
     return x, y
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Wrench:
     """Force and torque that the object applies to the skin, in the sensor frame; pressing gives F_z < 0.
@@ -155,6 +165,7 @@ class Wrench:
     """Reference point of the torque; the centre of the skin by default."""
     stamp_ns: int = 0
 
+    @checks_arguments
     def about(self, point_mm: Float64[Array, "3"]) -> "Wrench":
         """Return the same wrench with its torque about another point: τ' = τ + (old − new) × F."""
         return replace(self, torque_nm=(self.shift_matrix(point_mm) @ self.six)[3:], about_mm=np.array(point_mm, float))
@@ -163,6 +174,7 @@ class Wrench:
         """Return the same wrench with its torque about the centre of the skin."""
         return self.about(np.zeros(3)) if self.about_mm.any() else self
 
+    @checks_arguments
     def shift_matrix(self, point_mm: Float64[Array, "3"]) -> Float64[Array, "6 6"]:
         """Return the matrix that turns `six` into that of the same wrench about another point; it moves covariances too."""
         x, y, z = ((self.about_mm - point_mm) / 1e3).tolist()
@@ -176,6 +188,7 @@ class Wrench:
         return np.concatenate([self.force_n, self.torque_nm])
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Deformation:
     """Darkening and brightening of the rectified image by a contact, with the reference image: the input of the paper's network.
@@ -189,10 +202,11 @@ class Deformation:
     """max(image − reference, 0)."""
     reference: Float32[Array, "rows cols"]
     """The reference image (no contact) of this session."""
-    mm_per_px: float
+    mm_per_px: Annotated[float, Meta(gt=0)]
     stamp_ns: int = 0
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Traction:
     """Traction of the object on the skin, force per area at every place."""
@@ -201,7 +215,7 @@ class Traction:
     """Inward pressure, never below zero."""
     shear_mpa: Float32[Array, "2 rows cols"]
     """Shear traction along x and along y."""
-    mm_per_px: float
+    mm_per_px: Annotated[float, Meta(gt=0)]
     stamp_ns: int = 0
     height_mm: Float32[Array, "rows cols"] | None = None
     """Height of the skin on which the tractions act, where it is known; the shear then has a lever arm."""
@@ -264,6 +278,7 @@ class EstimateWarning(StrEnum):
     """No press can turn the reference image into this image: another sensor, other light, a failed LED, images exchanged."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class WrenchEstimate:
     """A wrench that was estimated from an image, with its uncertainty."""
@@ -282,6 +297,7 @@ class WrenchEstimate:
         """One standard deviation of each component of `wrench.six`, N and N·m."""
         return np.sqrt(np.diag(self.covariance))
 
+    @checks_arguments
     def about(self, point_mm: Float64[Array, "3"]) -> "WrenchEstimate":
         """Return the same estimate with torques, and their errors, about another point."""
         shift = self.wrench.shift_matrix(point_mm)

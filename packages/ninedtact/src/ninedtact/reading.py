@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.quantities import EstimateWarning, Frame, HeightMap, PointCloud, Rectified, Wrench, WrenchEstimate
 from ninedtact.shape.calibrated_shape import CalibratedShape, DepthReader
 from ninedtact.shape.contacts import ContactPatch, find_contacts
@@ -75,6 +76,7 @@ class StreamMemory:
     """Darkening of every cell (`measure_darkening_on_cells`) in the last images in which contact was looked for."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Reading:
     """Everything computed from one frame, with the cost of each stage.
@@ -111,6 +113,7 @@ class Reading:
     calibration_checksum: str = ""
     """That of the calibration that the image was read with, by which an estimator knows its sensor; empty where it is not known."""
 
+    @checks_arguments
     def with_force(self, estimate: WrenchEstimate) -> "Reading":
         """Return the same reading with an estimate; what has been computed from the image is kept, not computed again."""
         reading = copy(self)  # with the cached properties, unlike `dataclasses.replace`
@@ -207,6 +210,7 @@ class Reading:
         """Return the surface as points with outward unit normals, mm, in the sensor frame."""
         return point_cloud(self.height)
 
+    @checks_arguments
     def model_input(self, model: TactileModel, earlier: "Reading | None" = None) -> Float32[Array, "..."]:
         """Return the image as the input of a published tactile model: sparsh, htt or anytouch (`shape.model_inputs`).
 
@@ -221,6 +225,7 @@ class Reading:
         other = None if earlier is None else earlier.rectified
         return prepare_model_input(model, self.rectified, self.reference, other)
 
+    @checks_arguments
     def age_ms(self, now_ns: int) -> float:
         """Return the time since the frame arrived, given the present `time.monotonic_ns()`."""
         return (now_ns - self.frame.stamp_ns) / 1e6

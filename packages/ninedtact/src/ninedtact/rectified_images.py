@@ -19,10 +19,10 @@ from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.force.traction.estimator import TractionForce, build_traction_force
 from ninedtact.quantities import Frame, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
-from ninedtact.reference_frames import mean_grey
+from ninedtact.reference_frames import ReferenceFrames, mean_grey
 from ninedtact.sensor import Sensor
 from ninedtact.shape.calibrated_shape import CalibratedShape
-from ninedtact.steady_light import SteadyLight
+from ninedtact.steady_light import SteadyLight, measure_light
 
 _LEARNING_FRAMES = 5
 """Reference images from which the noise of the sequence is known, so that no bound from the grey levels is needed."""
@@ -35,7 +35,7 @@ _LEAST_NOISE_MM, _UNKNOWN_NOISE_MM = 0.002, 0.01
 
 @contextmanager
 def open_rectified(
-    source: FrameSource, references: Sequence[Frame], mm_per_px: float | None = None
+    source: FrameSource, references: ReferenceFrames, mm_per_px: float | None = None
 ) -> Iterator[Sensor]:
     """Open a sensor on rectified images of this source, with these reference images and the forces of the published design, which
     have an unknown scale.
@@ -43,14 +43,15 @@ def open_rectified(
     mm_per_px: of the images; None takes their view to be as wide as that of the published design. Raises what `nominal_shape`,
     `ReferenceImages.take` and the source raise.
     """
-    shape = _with_noise(nominal_shape(mean_grey(references), mm_per_px), references)
+    frames = references.frames
+    shape = _with_noise(nominal_shape(mean_grey(frames), mm_per_px), frames)
     estimator = build_traction_force(shape, SensorDesign().gel)
-    sensor = Sensor(SteadyLight(source, references), shape, estimator=estimator)
+    sensor = Sensor(SteadyLight(source, measure_light(references)), shape, estimator=estimator)
     sensor.open(take_reference=False)
     try:
-        sensor.use_reference(references)
-        if len(references) >= _LEARNING_FRAMES:
-            estimator = _with_learnt_threshold(estimator, sensor, references)
+        sensor.use_reference(frames)
+        if len(frames) >= _LEARNING_FRAMES:
+            estimator = _with_learnt_threshold(estimator, sensor, frames)
         sensor.estimator = _HeldContact(estimator)
         yield sensor
     finally:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 from numpy import ndarray as Array
 
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
@@ -25,23 +25,25 @@ happened; and the change, relative to the brightness, that is assumed of these a
 contact differ by up to this factor, also where they are compressed."""
 _MOST_CHANGE = 0.008
 """The same that no compression makes."""
-_TOUCHED_CHANGE = 0.02
-"""Relative change of a cell that only a contact makes."""
+_ALIKE_CHANGE = 0.01
+"""Largest relative change of a cell up to which the beginning and the end of a sequence show the same."""
 _DETAIL_CELLS = 2.0
 """Standard deviation, in cells, of the smoothing that keeps the pattern of the light and removes the edges of a contact."""
+_DARK = 0.5
+"""Part of the usual brightness up to which a cell shows a border: contacts do not darken so much."""
 
 
 @dataclass(frozen=True)
 class ReferenceFrames:
-    """The images of a sequence that are taken to show no contact."""
+    """The images of a sequence that are taken to show no contact, and the light of all."""
 
     frames: tuple[Frame, ...]
-    notices: tuple[str, ...] = ()
-    """Sentences about them of which a reader should know."""
+    brightness: Float32[Array, "n cell_rows cell_cols"]
+    """That of every image of the sequence on cells, up to where the file is damaged."""
 
 
 def read_reference_frames(source: FrameSource, chosen: tuple[int, int] | None = None) -> ReferenceFrames:
-    """Return the reference images of a video or folder.
+    """Return the reference images of a video or folder, which is read once for them.
 
     chosen: the first and the end of their numbers, counted from 0; None takes the first ones up to the first change, or the last
     ones where the first show a contact. Raises `InputError` where there are none, and what the source raises before its first
@@ -49,40 +51,39 @@ def read_reference_frames(source: FrameSource, chosen: tuple[int, int] | None = 
     """
     first, last = list[Frame](), deque[Frame](maxlen=REFERENCE_FRAMES)
     start, end = (0, REFERENCE_FRAMES) if chosen is None else chosen
-    count = 0
+    brightness = list[Float32[Array, "cell_rows cell_cols"]]()
     with source:
         try:
-            while chosen is None or count < end:
+            while True:
                 frame = source.read()
-                if start <= count < end:
+                if start <= len(brightness) < end:
                     first.append(frame)
                 last.append(frame)
-                count += 1
+                brightness.append(brightness_on_cells([frame]))
         except (SourceEnded, CameraError, FileFormatError):
-            if not count:
+            if not brightness:
                 raise
-    if chosen is not None:
-        if len(first) < end - start:
-            raise InputError(
-                expected=f"reference images {start} to {end - 1} of {source.name}",
-                got=f"{count} images",
-                remedy="name earlier ones",
-            )
-        return ReferenceFrames(tuple(first))
-    return choose_reference_frames(first, list(last))
+    if chosen is None:
+        return ReferenceFrames(choose_reference_frames(first, list(last)), np.array(brightness))
+    if len(first) < end - start:
+        raise InputError(
+            expected=f"reference images {start} to {end - 1} of {source.name}",
+            got=f"{len(brightness)} images",
+            remedy="name earlier ones",
+        )
+    return ReferenceFrames(tuple(first), np.array(brightness))
 
 
-def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> ReferenceFrames:
+def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> tuple[Frame, ...]:
     """Return the images at the beginning of a sequence until something changes, or those at its end where the beginning shows a
     contact."""
     beginning, ending = _steady(first), _steady(last[::-1])
     first_cells, last_cells = brightness_on_cells(beginning), brightness_on_cells(ending)
-    is_alike = float(_relative_change(last_cells, first_cells).max()) < _TOUCHED_CHANGE
-    if is_alike or _fine_detail(first_cells) <= _fine_detail(last_cells):
-        return ReferenceFrames(beginning)
-    numbers = f"{ending[-1].index}:{ending[0].index + 1}"
-    notice = f"the first images show a contact that the last ones do not: images {numbers} are the reference"
-    return ReferenceFrames(ending, (notice,))
+    skin = _shows_skin(first_cells) & _shows_skin(last_cells)
+    change = np.abs(_relative_change(last_cells, first_cells)[skin])
+    is_alike = float(change.max(initial=0.0)) < _ALIKE_CHANGE
+    is_first = is_alike or _fine_detail(first_cells, skin) <= _fine_detail(last_cells, skin)
+    return beginning if is_first else ending[::-1]
 
 
 def _steady(frames: Sequence[Frame]) -> tuple[Frame, ...]:
@@ -105,12 +106,18 @@ def brightness_on_cells(frames: Sequence[Frame]) -> Float32[Array, "cell_rows ce
     )
 
 
-def _fine_detail(cells: Float32[Array, "cell_rows cell_cols"]) -> float:
-    """Return the variance of log brightness that is finer than the pattern of the light; a contact adds to it."""
+def _shows_skin(cells: Float32[Array, "cell_rows cell_cols"]) -> Bool[Array, "cell_rows cell_cols"]:
+    """Return which cells, and all of their neighbours, show no black border."""
     is_lit = cells > MIN_LIT_GREY_LEVEL
-    level = np.log(np.maximum(cells, 1.0))
-    level = np.where(is_lit, level, level[is_lit].mean() if is_lit.any() else 0.0)
-    return float(np.var(level - cv2.GaussianBlur(level, (0, 0), _DETAIL_CELLS)))
+    is_bright = is_lit & (cells > _DARK * np.median(cells[is_lit] if is_lit.any() else 0.0))
+    return cv2.erode(is_bright.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+
+
+def _fine_detail(cells: Float32[Array, "cell_rows cell_cols"], skin: Bool[Array, "cell_rows cell_cols"]) -> float:
+    """Return the variance of log brightness that is finer than the pattern of the light; a contact adds to it."""
+    level, weight = np.log(np.maximum(cells, 1.0)), skin.astype(np.float32)
+    wide, share = (cv2.GaussianBlur(one, (0, 0), _DETAIL_CELLS) for one in (level * weight, weight))
+    return float(np.var((level - wide / np.maximum(share, 1e-6))[skin])) if skin.any() else 0.0
 
 
 def mean_grey(frames: Sequence[Frame]) -> Float32[Array, "rows cols"]:

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.force.contact_detection import find_faint_contact, measure_darkening_and_limit, measure_even_noise
 from ninedtact.quantities import Frame, Rectified, WrenchEstimate, diagonal_covariance
@@ -68,6 +69,7 @@ def reference_following_settings_for(source: FrameSource, follow: bool | None = 
     return FollowingSettings() if (source.is_live if follow is None else follow) else None
 
 
+@checks_arguments
 @dataclass
 class ReferenceImages:
     """The reference images (no contact) of a sensor, each bound to a depth reader: the one in use, and what replaces it.

@@ -8,7 +8,11 @@ Heights and forces are changes since a reference image (no contact), which `Refe
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from time import monotonic_ns
+from typing import Annotated
 
+from msgspec import Meta
+
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import FrameSource, SourceEnded, require_frame
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
@@ -18,6 +22,7 @@ from ninedtact.reference_images import ReferenceImages
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
 
 
+@checks_arguments
 @dataclass
 class Sensor:
     """A frame source together with a calibration. Open it in a `with` statement while nothing touches the gel.
@@ -31,7 +36,7 @@ class Sensor:
     """The reference image in use, and what replaces it."""
     estimator: ForceEstimator = field(default_factory=NoForceEstimator)
     """Estimates the wrench of every reading; `NoForceEstimator` leaves `Reading.wrench` empty."""
-    reference_frames: int = REFERENCE_FRAMES
+    reference_frames: Annotated[int, Meta(ge=1)] = REFERENCE_FRAMES
     """Number of frames of a reference image that is taken."""
     frames_read: int = field(default=0, init=False)
     """Number of frames read since the sensor was opened, reference frames included."""
@@ -50,7 +55,8 @@ class Sensor:
         frame = self._next_frame()
         depth_reader = self._depth_reader_at(frame.stamp_ns)
         watch.mark("capture")
-        reading = read_frame(frame, self.shape, depth_reader, watch, self._count_dropped(frame), self.references.memory)
+        dropped = frame.index - self._first_index + 1 - self.frames_read
+        reading = read_frame(frame, self.shape, depth_reader, watch, dropped, self.references.memory)
         reading = self.estimator.add_force(reading)
         if reading.force is not None:
             watch.mark("force")
@@ -83,6 +89,7 @@ class Sensor:
             ) from ended
         self.use_reference(frames)
 
+    @checks_arguments
     def use_reference(self, frames: Sequence[Frame]) -> None:
         """Make the mean of frames without contact the reference image from now on; raises `ReferenceUnusable`."""
         self.references.take(frames, self.shape)
@@ -114,9 +121,6 @@ class Sensor:
             self._first_index = 0 if self.source.is_live else frame.index
         self.frames_read, self.last_frame_ns = self.frames_read + 1, frame.stamp_ns
         return frame
-
-    def _count_dropped(self, frame: Frame) -> int:
-        return frame.index - self._first_index + 1 - self.frames_read
 
     def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
         """Return the depth reader for the reference image that is to be used at a stamp."""

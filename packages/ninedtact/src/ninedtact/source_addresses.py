@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.recording.errors import require_recording_libraries
 
@@ -35,6 +36,7 @@ def is_twin_address(text: str) -> bool:
     return text == SIMULATED
 
 
+@checks_arguments
 def source_for(
     text: str, settings: "CameraSettings | None" = None, sensor: "SensorFolder | None" = None
 ) -> "FrameSource":
@@ -99,10 +101,6 @@ def load_recorded_sensor(source: "str | FrameSource") -> "Iterator[SensorFolder]
 
     Raises `InputError` for another source, `SensorFolderDamaged`.
     """
-    from tempfile import TemporaryDirectory
-
-    from ninedtact.calibration.sensor_folder import load_sensor
-
     recording = source.recording if not isinstance(source, str) else source if is_recording_address(source) else None
     if recording is None:
         name = source if isinstance(source, str) else source.name
@@ -112,7 +110,7 @@ def load_recorded_sensor(source: "str | FrameSource") -> "Iterator[SensorFolder]
             remedy="name the folder that 'ninedtact calibrate --out' wrote",
         )
     require_recording_libraries()
-    from ninedtact.recording.reader import extract_sensor_folder
+    from ninedtact.recording.reader import Recording
 
-    with TemporaryDirectory(prefix="ninedtact_") as folder:
-        yield load_sensor(extract_sensor_folder(Path(recording).expanduser(), Path(folder) / "sensor"))
+    with Recording(Path(recording).expanduser()) as opened, opened.unpacked_sensor() as sensor:
+        yield sensor

@@ -4,17 +4,15 @@ A lamp that flickers multiplies whole images. The skin that changes least over t
 taken out, lies beside all contacts: its brightness over that in the reference images is the light of each image.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.capture.frame_source import FrameSource, SourceEnded
-from ninedtact.errors import CameraError, FileFormatError
+from ninedtact.capture.frame_source import FrameSource
 from ninedtact.quantities import Frame
-from ninedtact.reference_frames import brightness_on_cells
+from ninedtact.reference_frames import ReferenceFrames, brightness_on_cells
 from ninedtact.robust_noise import noise_by_second_differences
 from ninedtact.shape.calibrated_shape import MIN_LIT_GREY_LEVEL
 
@@ -29,27 +27,23 @@ _MOST_CHANGE = 0.2
 
 
 class SteadyLight(FrameSource):
-    """The images of a file, each over its light relative to reference images; reads the file once before its first image."""
+    """The images of a file, each over its light (`measure_light`)."""
 
     is_live = False
 
-    def __init__(self, source: FrameSource, references: Sequence[Frame]) -> None:
-        self._source, self._references = source, references
+    def __init__(self, source: FrameSource, light: Float[Array, " n"]) -> None:
+        self._source, self._light, self._next = source, light, 0
         self.name = source.name
-        self._light: Float[Array, " n"] | None = None
-        self._next = 0
 
     def open(self) -> None:
         """Open the file; raises what it raises."""
-        if self._light is None:
-            self._light = measure_light(self._source, self._references)
         self._source.open()
         self.recorded_hz, self._next = self._source.recorded_hz, 0
 
     def read(self) -> Frame:
         """Return the next image in steady light; raises what the file raises."""
         frame = self._source.read()
-        light = self._light[self._next] if self._light is not None and self._next < len(self._light) else 1.0
+        light = self._light[self._next] if self._next < len(self._light) else 1.0
         self._next += 1
         if light == 1 or abs(light - 1) > _MOST_CHANGE:
             return frame
@@ -60,21 +54,13 @@ class SteadyLight(FrameSource):
         self._source.close()
 
 
-def measure_light(source: FrameSource, references: Sequence[Frame]) -> Float[Array, " n"]:
-    """Return the light of every image of a file relative to its reference images, up to where the file is damaged; ones where it
-    does not flicker."""
-    images = []
-    with source:
-        try:
-            while True:
-                images.append(brightness_on_cells([source.read()]))
-        except (SourceEnded, CameraError, FileFormatError):
-            pass  # the reader of the images themselves says so
-    reference = brightness_on_cells(references)
+def measure_light(references: ReferenceFrames) -> Float[Array, " n"]:
+    """Return the light of every image of a sequence relative to its reference images; ones where it does not flicker."""
+    images, reference = references.brightness, brightness_on_cells(references.frames)
     is_lit = reference > MIN_LIT_GREY_LEVEL
-    if not images or not is_lit.any():
+    if not is_lit.any():
         return np.ones(len(images))
-    light = common_factor(np.array([image[is_lit] for image in images]) / reference[is_lit])
+    light = common_factor(images[:, is_lit] / reference[is_lit])
     return light if noise_by_second_differences(light, axis=0) > _LEAST_FLICKER else np.ones(len(images))
 
 

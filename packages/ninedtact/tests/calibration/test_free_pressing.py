@@ -25,7 +25,7 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
 from ninedtact.recording import RecordingMetadata, RecordingWriter, Topic
-from ninedtact.recording.reader import sensor_folder_attachments
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 from ninedtact.simulation.press_sequence import ObjectTrajectory, PressSequence
 from ninedtact.simulation.trajectory import press_trajectory

@@ -98,21 +98,7 @@ def test_closing_while_the_camera_is_away_leaves_nothing_open() -> None:
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("fetch")]
 
 
-def wrong_frame(**parts: Any) -> Frame:
-    """A frame with parts of other types, which only a program without checked types can make."""
-    frame = Frame(np.zeros((4, 5, 3), np.uint8))
-    for name, part in parts.items():
-        object.__setattr__(frame, name, part)
-    return frame
-
-
-WRONG = [
-    *(None, "image", wrong_frame(image=[[0]]), wrong_frame(image=np.zeros((4, 5)))),
-    *(wrong_frame(stamp_ns=0.5), wrong_frame(stamp_ns=-1), wrong_frame(stamp_ns=2**63), wrong_frame(index=2**32)),
-]
-
-
-@pytest.mark.parametrize("read", WRONG)
+@pytest.mark.parametrize("read", [None, "image", np.zeros((4, 5, 3), np.uint8), Frame(np.zeros((0, 5, 3), np.uint8))])
 def test_what_is_no_frame_is_refused_in_one_sentence(read: Any) -> None:
     class Wrong(FrameSource):
         name = "my camera"

@@ -162,6 +162,19 @@ def test_a_stream_that_jumps_between_contacts_reads_each_as_if_it_were_alone(ord
         np.testing.assert_allclose(found.wrench.torque_nm, alone(number).wrench.torque_nm, atol=2e-3 * hundredth_n)
 
 
+def test_a_second_contact_in_a_stream_is_found_as_in_a_single_image() -> None:
+    """The first one does not move, so that its own problem still explains it."""
+    stream, one, other = (
+        TractionForce(HeightObservationModel(), GEL),
+        noisy(contact=dragged(-4.0, 2.0, 0.0)),
+        dragged(5.0, -2.0, 0.0),
+    )
+    stream.estimate(reading(one))
+    both = reading(one + true_height_map(other, WIDE, PX_MM).z_mm * 0.2)
+    found, expected = stream.estimate(both), TractionForce(HeightObservationModel(), GEL).estimate(both)
+    np.testing.assert_allclose(found.wrench.six, expected.wrench.six, atol=0.01 * -expected.wrench.force_n[2])
+
+
 def test_error_bars_cover() -> None:
     true, estimates = dragged().wrench().six, []
     for seed in range(8):

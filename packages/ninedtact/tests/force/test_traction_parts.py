@@ -160,6 +160,7 @@ def linearised() -> LinearisedBrightnessProblem:
         InfluenceKernels(FORWARD),
         DiscretePrior(CELLS, TractionPrior()),
         touched,
+        np.stack([touched, 0 * touched, 0 * touched]),
         touched * 0.5,
         slope,
         weigh,

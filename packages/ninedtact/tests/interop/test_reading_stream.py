@@ -183,23 +183,28 @@ def test_contacts_motion_and_slip_come_to_the_client_that_asks_and_are_computed_
     reader = shape.depth_reader(*(Frame(twin.renderer(None, -1 - number)) for number in range(4)))
     press = twin.press(None, indenter_from_name("key_05"), Pose(depth_mm=0.5))
     reading = read_frame(Frame(twin.renderer(press.corrected, 1), 10**9), shape, reader)
+    reading = physical_sensor.estimator("physics").add_force(reading)
     with ReadingServer("small", "127.0.0.1", 0, 0) as server:
         with tcp(server.tcp_port, b"{}\n") as client:
             wait_until(lambda: server.clients == 1)
             server.publish(reading)
-            assert server._tracker is None and json.loads(client.makefile().readline())["tracking"] is None
+            alone = json.loads(client.makefile().readline())
+            assert server._tracker is None and alone["tracking"] is None
         with (
             tcp(server.tcp_port, b'{"tracking": true}\n') as client,
             connect(f"ws://127.0.0.1:{server.port}/?tracking=true") as browser,
         ):
             wait_until(lambda: server.clients >= 2)
             server.publish(reading)
-            found = json.loads(client.makefile().readline())["tracking"]
+            message = json.loads(client.makefile().readline())
+            found, wrench = message["tracking"], message["wrench"]
             assert json.loads(browser.recv())["tracking"] == found
     (contact,) = found["contacts"]
-    assert contact["area_mm2"] == pytest.approx(reading.contacts[0].area_mm2) and contact["force_n"] is None
-    assert found["motion"]["moved_mm"] == [0, 0, 0] and found["slip"]["state"] == "unknown"
-    assert found["slip"]["p_gross"] is None
+    assert contact["area_mm2"] == pytest.approx(reading.contacts[0].area_mm2)
+    assert contact["force_n"] == wrench["force_n"] == pytest.approx(alone["wrench"]["force_n"], abs=0.01)
+    assert wrench["torque_std_nm"][2] < alone["wrench"]["torque_std_nm"][2], "the object has not turned"
+    assert found["motion"]["moved_mm"] == [0, 0, 0] and found["slip"]["state"] == "static"
+    assert found["slip"]["friction"] is None
 
 
 def test_a_client_that_does_not_read_delays_nobody_and_is_told_what_it_missed() -> None:

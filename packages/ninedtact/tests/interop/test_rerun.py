@@ -14,8 +14,9 @@ from small_sensor import SkinCamera, sensor_folder
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate, diagonal_covariance
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.coloured_height_map import colourise_heights

@@ -166,7 +166,7 @@ def test_a_command_that_cannot_be_decoded_is_refused(message: bytes) -> None:
     [
         (["--qos", "points=fast"], "expected --qos as TOPIC=PROFILE"),
         (["--qos", "pionts=reliable"], "expected --qos as TOPIC=PROFILE"),
-        (["--points-every", "0"], "expected --points-every of 1 or more, got 0"),
+        (["--points-every", "0"], "expected --points-every of at least 1, got 0"),
         (["--domain", "233"], "expected a DDS domain from 0 to 232, got 233"),
         (["--interface", "nosuch0"], "expected --interface to name one of"),
     ],

@@ -6,6 +6,7 @@ from gels import BALL, model, pressed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ninedtact.errors import NinedtactError
 from ninedtact.mechanics.contact_result import NonPositiveLoad
 from ninedtact.mechanics.pose import InvalidPose, Pose, rigid_displacement_mm
 
@@ -41,9 +42,11 @@ def test_a_batch_of_poses_is_its_poses(single):
         )
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, np.array([0.1, np.nan])])
 def test_a_pose_is_finite(wrong):
-    with pytest.raises(InvalidPose, match=r"expected a finite depth_mm, got (nan|inf); correct the pose"):
+    with pytest.raises(
+        NinedtactError, match=r"expected (a finite depth_mm|depth_mm of Pose to be a number).*, got .*(nan|inf)"
+    ):
         Pose(depth_mm=wrong)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from ninedtact.capture.frame_source import FrameSource, SourceEnded
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.quantities import Frame, Wrench
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.writer import RecordingWriter
 
 BEGAN_NS = 7_000_000_000

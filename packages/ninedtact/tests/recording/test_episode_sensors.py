@@ -13,9 +13,10 @@ from ninedtact.calibration.save import to_sensor_toml
 from ninedtact.calibration.sensor_folder import load_sensor
 from ninedtact.cli import main
 from ninedtact.quantities import Frame, Rectified
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.episode_sensors import write_episode_sensors
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic
 from ninedtact.recording.writer import RecordingWriter
 

@@ -28,14 +28,10 @@ from ninedtact.errors import CameraError
 from ninedtact.force.estimator_and_scale import ForceEstimator
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
+from ninedtact.recording.attached_sensor import read_folder_files
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import (
-    Recording,
-    RecordingCutShort,
-    read_folder_files,
-    recorded_sensor_addresses,
-)
+from ninedtact.recording.reader import Recording, RecordingCutShort, recorded_sensor_addresses
 from ninedtact.recording.recorded_source import RecordedFrameSource
 from ninedtact.recording.recorder import SensorToRecord, record, record_several
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
@@ -267,7 +263,7 @@ def test_the_delay_of_another_camera_is_not_subtracted(
         ("--source 0 --out x.mp4", "--out to end in .mcap"),
         ("--source /dev/none --out x.mcap --sensor SENSOR", "/dev/none"),
         ("--source 0 --out x.mcap", "expected --sensor with --source 0"),
-        ("--source 0 --out x.mcap --seconds 0", "--seconds above zero"),
+        ("--source 0 --out x.mcap --seconds 0", "--seconds above 0 "),
         ("--source 0 --force-torque sim --out x.mcap --sensor SENSOR", "name two that belong together"),
         ("--source sim --out x.mcap --sensor SENSOR --height-bits 16", "--height-bits with --heights"),
         (

@@ -55,8 +55,10 @@ def test_a_person_is_led_through_both_presses(session: CalibrationSession, camer
 
     camera.hold(HeldCalibrationObject("board", 0.4, tilt_deg=(4.0, 0.0)))
     wait_until(lambda: "harder in the lower part" in session.state.advice)
-    pins = session.state.pins
+    state = session.state
+    pins = state.pins
     assert pins is not None and 31 < pins.found < 60 and len(pins.missing_px) > 3
+    assert state.advice.startswith(f"pins {pins.found} of 63: ")
     assert np.median(pins.missing_px[:, 1]) > 160 and np.median(pins.found_px[:, 1]) < 120  # of 240 rows
 
     camera.plugged_in = False  # the cable is pulled in the middle of the press

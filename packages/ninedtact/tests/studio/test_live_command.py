@@ -13,6 +13,7 @@ import pytest
 from small_sensor import image_folder, sensor_folder
 
 from ninedtact.calibration.sensor_folder import SensorFolderDamaged
+from ninedtact.cli import parse_arguments
 from ninedtact.cli.live import LiveCommand
 from ninedtact.cli.shared_options import PageAddressOptions
 from ninedtact.errors import InputError
@@ -58,7 +59,7 @@ def test_bad_options_are_refused_before_any_camera_is_touched(tmp_path: Path, im
         LiveCommand((str(images),), (str(tmp_path / "none"),)).run()
     with pytest.raises(InputError, match="which is none of these"):
         LiveCommand(("nothing",), (str(folder),)).run()
-    with pytest.raises(InputError, match="above 0 and at most 120, got 0;"):
-        LiveCommand((str(images),), (str(folder),), display_hz=0).run()
+    with pytest.raises(InputError, match="expected --display-hz above 0 and of at most 120, got 0;"):
+        parse_arguments(["live", "--source", str(images), "--sensor", str(folder), "--display-hz", "0"])
     with pytest.raises(InputError, match="got 'robot';"):
         LiveCommand((str(images),), (str(folder),), address=PageAddressOptions(allow_origin=("robot",))).run()

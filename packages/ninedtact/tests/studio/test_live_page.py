@@ -48,6 +48,11 @@ def test_a_browser_shows_the_skin_and_its_buttons_reach_the_sensor(
 
         tab.goto(f"http://{address}")
         until_shown("live, ", "0.00 mm", "nothing touches")
+        banner = "getComputedStyle(document.querySelector('[role=status]'), '::after').content"
+        assert tab.evaluate(banner) == "none"
+        tab.wait_for_function(f"{banner}.startsWith('\"no news for ')")  # nobody refreshes: the program hangs
+        assert not tab.get_by_text("live, ").is_visible()
+        until_shown("live, ")
         untouched = images()
         name = tab.locator("[data-moment]").get_attribute("data-moment").split("/")[0]
         wait_until(lambda: served.refresh() and served.server.drawn_moments.last(name) > 2)

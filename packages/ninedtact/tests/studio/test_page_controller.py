@@ -18,11 +18,13 @@ from ninedtact.live.sensor_poller import SensorPoller
 from ninedtact.live.wrench_history import WrenchHistory, WrenchWithUncertainty
 from ninedtact.quantities import Wrench, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.shape.light_change import LightChange
 from ninedtact.studio.page_controller import (
     MAX_SLOWDOWN,
     DisplayedSensor,
     PageController,
     PageMoment,
+    most_urgent_status,
     next_drawing_slowdown,
 )
 from ninedtact.studio.reading_view import ImageKind, ReadingView, ShownTraction, SkinColouring
@@ -82,6 +84,10 @@ def test_the_screen_follows_the_skin_and_nothing_is_drawn_twice(stage: Stage) ->
         wait_until(lambda: stage.sees(0.0))
         stage.camera.level = 75
         wait_until(lambda: stage.sees(1.0))
+        brighter = replace(stage.screen.views[-1].reading, light=LightChange(level=1.08, gain=1.08))
+        now_ns = time.monotonic_ns()
+        status = most_urgent_status(stage.loop.snapshot(now_ns), brighter, False, now_ns)
+        assert status.tone == "live" and "the light is 8.0% brighter than in the reference image" in status.sentence
     newest = stage.screen.views[-1]
     assert len({id(view) for view in stage.screen.views}) == len({id(view.reading) for view in stage.screen.views})
     assert newest.image(ImageKind.HEIGHT) is newest.image(ImageKind.HEIGHT)

@@ -37,10 +37,11 @@ from ninedtact.live.wrench_history import WrenchHistory
 from ninedtact.live_sensor import assemble_live_sensor
 from ninedtact.quantities import EstimateWarning, Frame, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.labels_and_whole_copy import edit_labelled_spans
 from ninedtact.recording.metadata import RecordingMetadata
-from ninedtact.recording.reader import Recording, sensor_folder_attachments
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import LabelledSpan, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.studio.page_cards import time_slider_marks
@@ -54,7 +55,7 @@ from ninedtact.studio.reading_view import full_range_colour_scale
 from ninedtact.studio.recorded_readings import RecordedReadings, empty_wrench_histories
 from ninedtact.studio.recording_player import RecordedSensor, RecordingPlayer
 from ninedtact.studio.recordings_panel import WHOLE, RecordingsPanel, RecordingsPanelContext
-from ninedtact.studio.saved_files import SaveQuota, save_surface_sequence, save_video
+from ninedtact.studio.saved_files import SaveQuota, save_video
 from ninedtact.studio.viewer import ViewerPage
 
 PATIENCE_S = 90.0
@@ -326,6 +327,8 @@ def test_a_recording_whose_file_is_gone_is_not_said_to_be_recorded(harm: str, is
         if harm == "a folder":
             path.mkdir()
         bench.press([60])
+        if is_running and harm != "cut":
+            assert "it was removed or moved" in bench.recorder.state().trouble
         state = bench.recorder.stop()
     assert "was cut; record again" in state.trouble or "removed or cut; record again" in state.trouble
 
@@ -443,10 +446,10 @@ def test_controls_of_a_recording_show_what_is_open(recorded: tuple[Path, Bench])
         choice = next(one for one in client.controls.values() if between in getattr(one, "options", ()))
         client.set_value(choice.uuid, between)
         wait_for(lambda: client.shows("marked: 0.00 to 0.01 s"))
-        client.use("Surfaces (PLY)")
+        client.use("Video (MP4)")
         refusal = f"Not exported: expected images in {between}, got none; choose another label"
         wait_for(lambda: client.notices[1:] == [refusal])
-        assert not list(path.parent.glob("*_surfaces_*"))
+        assert not list(path.parent.glob("*.mp4"))
         client.use("speed", "4 ×")
         client.use("recording", "bad.mcap")
         wait_for(lambda: len(client.notices) == 3 and client.control("recording").value == path.name)
@@ -522,25 +525,16 @@ def test_an_image_that_is_damaged_is_said_and_the_last_whole_one_stays(recorded:
     player.close()
 
 
-def test_surfaces_and_a_video_have_every_image_or_nothing(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
+def test_a_video_has_every_image_or_is_not_written(recorded: tuple[Path, Bench], tmp_path: Path) -> None:
     path, bench = recorded
     scale, shape = full_range_colour_scale(bench.folder.shape), bench.folder.shape
     with RecordedReadings(path, shape) as readings:
-        save_surface_sequence(map(readings.reading, range(2, 5)), tmp_path / "ply", bench.quota)
-        assert len(list((tmp_path / "ply").glob("*.ply"))) == 3
         save_video(map(readings.reading, range(len(readings))), scale, 69.6971, tmp_path / "all.mp4", bench.quota)
         video = cv2.VideoCapture(str(tmp_path / "all.mp4"))
         assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 8 and video.read()[1].shape == (72, 128, 3)
-        for write in (
-            lambda quota: save_surface_sequence(
-                map(readings.reading, range(len(readings))), tmp_path / "too" / "many", quota
-            ),
-            lambda quota: save_video(
-                map(readings.reading, range(len(readings))), scale, 10.0, tmp_path / "too" / "long.mp4", quota
-            ),
-        ):
-            with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
-                write(SaveQuota(disk_share=0.0))
+        with pytest.raises(NinedtactError, match="at most 0% of the free disk"):
+            images, path = map(readings.reading, range(len(readings))), tmp_path / "too" / "long.mp4"
+            save_video(images, scale, 10.0, path, SaveQuota(disk_share=0.0))
     assert not list((tmp_path / "too").iterdir())
     with (
         bench.quota.one_export(),
@@ -654,8 +648,8 @@ def test_a_person_records_opens_scrubs_labels_and_exports(browser: Browser, tmp_
         assert (tables / "spans.csv").is_file() and len(list((tables / "images").iterdir())) == len(stamps_s)
         choice = next(one for one in client.controls.values() if WHOLE in (getattr(one, "options", None) or ()))
         client.set_value(choice.uuid, choice.options[1])
-        assert 0 < len(list(exported("Surfaces (PLY)", "recording_*_surfaces_*", 3).iterdir())) < len(stamps_s)
-        exported("Video (MP4)", "recording_*.mp4", 4)
+        video = cv2.VideoCapture(str(exported("Video (MP4)", "recording_*.mp4", 3)))
+        assert 0 < video.get(cv2.CAP_PROP_FRAME_COUNT) < len(stamps_s), "of the chosen label alone"
         use("Back to the sensor")
         until("live, ", ">2.00<")
     tab = browser.new_page(viewport={"width": 1000, "height": 800})

@@ -14,6 +14,7 @@ from ninedtact.capture.frame_source import ImageFolder
 from ninedtact.capture.reconnecting import ReconnectingFrameSource, RepeatingSource
 from ninedtact.live.sensor_poller import SensorPhase, SensorPoller, SensorSnapshot
 from ninedtact.quantities import Frame
+from ninedtact.reading import Reading
 from ninedtact.sensor import Sensor
 from ninedtact.simulation.simulated_sources import SimulatedCamera
 from ninedtact.studio.page_controller import most_urgent_status
@@ -77,7 +78,11 @@ def test_a_computer_that_is_too_slow_is_not_taken_for_an_unplugged_camera() -> N
     camera, is_fast = SkinCamera(), threading.Event()
     is_fast.set()
     source = ReconnectingFrameSource(camera, on_lost=lambda loss: None, retry_ms=20.0)
-    with SensorPoller(sensor_on(source), lambda reading: bool(is_fast.wait())) as loop:
+
+    def wait(reading: Reading) -> None:
+        is_fast.wait()
+
+    with SensorPoller(sensor_on(source), wait) as loop:
         wait_until(lambda: sentence(loop).startswith("live"))
         is_fast.clear()  # the camera goes on, and the next reading takes as long as the test wants
         wait_until(lambda: sentence(loop).startswith("images arrive, but this computer is"))

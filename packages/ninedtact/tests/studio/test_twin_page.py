@@ -12,7 +12,7 @@ from ninedtact.capture.wrench_source import WrenchSensorLost, WrenchSource
 from ninedtact.force.estimator_and_scale import unknown_wrench_estimate
 from ninedtact.live.wrench_history import WrenchHistory, WrenchPoller, WrenchWithUncertainty
 from ninedtact.quantities import EstimateWarning, Wrench, WrenchEstimate
-from ninedtact.studio.page_cards import explained_wrench_table_html, wrench_table_html
+from ninedtact.studio.page_cards import wrench_meaning_html, wrench_table_html
 from ninedtact.studio.wrench_curves import component_curve_and_error_band
 
 
@@ -70,7 +70,8 @@ def test_true_and_estimated_wrench_stand_side_by_side() -> None:
     true.add(WrenchWithUncertainty(pushed((0.4, 0.0, -3.2), (0.0, 0.0)), np.full(6, np.nan)))
     estimated = WrenchHistory("estimated", "by physics", ("gel not calibrated for force",), states_errors=True)
     estimated.add_estimate(WrenchEstimate(wrench, np.diag(std**2), True, (EstimateWarning.OUT_OF_RANGE,)))
-    said = explained_wrench_table_html([history.snapshot(None, 0) for history in (true, estimated)], is_past=False)
+    moments = [history.snapshot(None, 0) for history in (true, estimated)]
+    said = wrench_table_html(moments, is_past=False) + wrench_meaning_html(moments)
     rows = {plain[:2]: plain for row in said.split("<tr>")[2:] if (plain := re.sub("<[^>]*>", "", row))}
     assert rows["Fx"].startswith("Fx N+0.40+0.50 ± 0.10") and rows["Tz"].startswith("Tz N·mm+0.00+0.00 ± 0.30")
     assert rows["Fz"].startswith("Fz N\N{MINUS SIGN}3.20\N{MINUS SIGN}3.00 ± 0.40")
@@ -88,7 +89,8 @@ def test_texts_on_the_page_are_escaped() -> None:
     true = WrenchHistory("true", 'of <b>"this"</b>', ("<i>notice</i>",))
     true.trouble = ValueError("<u>trouble</u>")
     true.add(WrenchWithUncertainty(Wrench(np.zeros(3), np.zeros(3)), np.full(6, np.nan), ("<s>warning</s>",)))
-    said = explained_wrench_table_html([true.snapshot(None, 0)], is_past=False)
+    moments = [true.snapshot(None, 0)]
+    said = wrench_table_html(moments, is_past=False) + wrench_meaning_html(moments)
     assert not re.search("<[bius]>", said) and all(word in said for word in ("notice", "trouble", "warning"))
 
 

@@ -97,6 +97,7 @@ class SensorStream:
             while not self._closing:
                 reading = self.sensor.read()
                 tracked = None if self.tracker is None else self.tracker.update(reading)
+                reading = reading if tracked is None else tracked.reading
                 with self._changed:
                     self._latest = NumberedReading(self.newest_number + 1, reading, time.monotonic(), tracked)
                     self._changed.notify_all()

@@ -15,15 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.cli.record import require_new_recording_path
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, print_result, stop_on_signal
 from ninedtact.cli.shared_options import (
+    AboveZero,
     CameraDelayOption,
     CameraOption,
     CameraOptions,
     JsonOption,
-    require_duration,
 )
 from ninedtact.errors import OutputError
 from ninedtact.recording.errors import require_recording_libraries
@@ -190,7 +189,7 @@ class CollectCommand:
     """Names of the objects in turn (key n); after the last, object_001, object_002 and so on. With sim: ball:4, gear_07, …"""
     pairs: Annotated[int, Meta(ge=1)] | None = None
     """Number of pairs after which to end."""
-    seconds: float | None = None
+    seconds: AboveZero | None = None
     """Time after which to end; without it, key q, Ctrl-C or the end of the source ends the collection."""
     camera_delay_ms: CameraDelayOption = 0.0
     settings: Annotated[CollectSettings, tyro.conf.arg(name="")] = CollectSettings()
@@ -205,9 +204,7 @@ class CollectCommand:
         """Collect pairs and print their numbers; raises what a lost device raises, every pair kept."""
         require_recording_libraries()
         require_new_recording_path(self.out)
-        require_duration(self.seconds)
         require_matching_force_source(self.source, self.force_torque, is_twin_address, is_recording_address)
-        require_within_bounds(self)
         screen = CollectTerminalDisplay()
         with given_or_recorded_sensor(self.sensor, self.source) as folder:
             setup = self._setup(folder, self.settings.checks, screen)

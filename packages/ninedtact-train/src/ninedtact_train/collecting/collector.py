@@ -21,9 +21,9 @@ from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSampleRejected
 from ninedtact.quantities import NO_OBJECT, Frame, Wrench
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.background_reader import Arrival
 from ninedtact.recording.metadata import RecordingMetadata, wall_minus_monotonic_ns
-from ninedtact.recording.reader import sensor_folder_attachments
 from ninedtact.recording.topics_and_messages import PairLabel, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import FindReferenceFaults

@@ -208,7 +208,7 @@ def format_sequences_card(settings: SequenceSettings, statistics: DatasetStatist
         f"Made by `ninedtact simulate sequences` {version}: {settings.sequences} sequences of {HZ:g} images per second, "
         f"{statistics.pairs} images of {len(statistics.sensors)} sensors and {statistics.object_count} objects. Each file is one "
         "sequence, and `step` counts its images. It contains no real image. Hold out whole sensors and objects with "
-        "`ninedtact dataset split --kind sensor_and_object`.",
+        "`ninedtact train --held-out sensor_and_object`.",
         "",
         *_format_column_table((*PAIR_COLUMNS, *TRUTH_COLUMNS)),
         "",

@@ -203,7 +203,6 @@ def _rank_by_hash(names: Iterable[str], seed: int, what: _What) -> list[str]:
 
 
 def _count_with_example(names: set[str]) -> str:
-    """Return the number of names as text, with one of them as an example."""
     return f"{len(names)} (such as {min(names)!r})" if names else "0"
 
 

@@ -165,7 +165,6 @@ class TactileVectorEnvironment(gymnasium.vector.VectorEnv):  # type: ignore[misc
         return environment.end_step(response, estimates)
 
     def _reset_one(self, number: int, seed: int | None, infos: dict[str, Any]) -> dict[str, Any]:
-        """Reset one environment and return the infos with its own added."""
         environment = self.environments[number]
         self._observations[number], info = environment.reset(seed=seed)
         assert environment.sensor.last is not None

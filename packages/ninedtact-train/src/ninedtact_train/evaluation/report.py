@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.page_template import render_page
 from ninedtact.quantities import WRENCH_AXES
 from ninedtact_train.evaluation.evaluation import (
     PAPER_OBJECT_SPLIT_MAE,
@@ -258,17 +259,9 @@ def write_evaluation_report(out: Path, evaluation: WrenchEvaluation) -> Iterator
 
 def _render_html(evaluation: WrenchEvaluation, figures: dict[str, bytes]) -> str:
     """Return one HTML document with the images embedded, which loads no other files and runs no scripts."""
-    # jinja2 is slow to import, and only this function needs it.
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    pages = Environment(
-        loader=PackageLoader("ninedtact_train.evaluation", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return pages.get_template("evaluation.html.jinja").render(
+    return render_page(
+        "ninedtact_train.evaluation",
+        "evaluation.html.jinja",
         evaluation=evaluation,
         pair_count=_pair_count_text(evaluation),
         torque_reference=_torque_reference_text(evaluation),

@@ -9,7 +9,6 @@ import torch
 from jaxtyping import Float32, Float64, Int, Shaped
 from numpy import ndarray as Array
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
 
 from ninedtact.design import Gel
 from ninedtact.errors import ForceEstimationError
@@ -73,6 +72,16 @@ class TrainingExamples:
 
     def __len__(self) -> int:
         return len(self.images)
+
+    def batch(self, rows: Int[Array, " b"]) -> "TrainingBatch":
+        """Return the batch of these rows, copied into memory."""
+        references = None
+        if self.references is not None and self.reference_of is not None:
+            references = torch.tensor(self.references[self.reference_of[rows]])
+        features = self.sensor_features
+        features = np.tile(TYPICAL_FEATURES.row, (len(rows), 1)) if features is None else features[rows]
+        images, wrench = torch.tensor(self.images[rows]), torch.tensor(self.wrench[rows])
+        return TrainingBatch(images, wrench, references, torch.tensor(features))
 
 
 def require_trainable_examples(examples: TrainingExamples, rows: SplitRows, settings: NetworkInputSettings) -> None:
@@ -157,23 +166,6 @@ class TrainingBatch:
         return stacked.contiguous(memory_format=torch.channels_last)
 
 
-class BatchDataset(Dataset[TrainingBatch]):
-    """A torch data set of examples whose items are batches, indexed by arrays of rows."""
-
-    def __init__(self, examples: TrainingExamples) -> None:
-        self.examples = examples
-
-    def __getitem__(self, rows: Int[Array, " b"]) -> TrainingBatch:
-        """Return the batch of these rows, copied into memory."""
-        examples, references = self.examples, None
-        if examples.references is not None and examples.reference_of is not None:
-            references = torch.tensor(examples.references[examples.reference_of[rows]])
-        features = examples.sensor_features
-        features = np.tile(TYPICAL_FEATURES.row, (len(rows), 1)) if features is None else features[rows]
-        images, wrench = torch.tensor(examples.images[rows]), torch.tensor(examples.wrench[rows])
-        return TrainingBatch(images, wrench, references, torch.tensor(features))
-
-
 def rows_of_batches(
     rows: Int[Array, " n"], batch: int, seed: tuple[int, int] | None, rank: int = 0, world: int = 1
 ) -> list[Int[Array, " b"]]:
@@ -187,8 +179,3 @@ def rows_of_batches(
     count = -(-len(own) // batch) if seed is None else max(len(own) // batch, 1)
     # Sorted, because mapped files are read fastest in their own order.
     return [np.sort(own[number * batch : (number + 1) * batch]) for number in range(count)]
-
-
-def load_batches(examples: TrainingExamples, rows: list[Int[Array, " b"]], workers: int) -> DataLoader[TrainingBatch]:
-    """Return a loader of the batches of these rows."""
-    return DataLoader(BatchDataset(examples), batch_size=None, sampler=rows, num_workers=workers)

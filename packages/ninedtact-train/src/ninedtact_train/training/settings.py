@@ -154,5 +154,3 @@ class ComputeSettings:
     """Strategy for several devices, such as ddp."""
     precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
     """Numeric precision; bf16-mixed is faster on a GPU."""
-    loader_workers: int = 0
-    """Processes that load batches; 0: the training's own process."""

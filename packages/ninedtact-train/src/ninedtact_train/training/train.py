@@ -70,7 +70,7 @@ def train_network(
     fabric = launch_fabric(machine)
     training = ForceTraining(settings, fit_label_scaling(examples.wrench[rows.train], settings))
     with interrupt_as_stopped(out):
-        history = fit_network(fabric, training, examples, rows, out, machine.loader_workers, progress=progress)
+        history = fit_network(fabric, training, examples, rows, out, progress=progress)
     if not fabric.is_global_zero:
         return None
     network = training.model.to(fabric.device).eval()

@@ -23,7 +23,7 @@ from ninedtact.quantities import NO_OBJECT
 from ninedtact_train.dataset.split import SplitRows
 from ninedtact_train.evaluation import ErrorDistribution, WrenchEvaluation, WrenchPredictions, evaluate_predictions
 from ninedtact_train.training.augmentation import augment_batch
-from ninedtact_train.training.examples import BatchDataset, TrainingExamples, move_torques_from_skin_centre
+from ninedtact_train.training.examples import TrainingExamples, move_torques_from_skin_centre
 from ninedtact_train.training.networks import WrenchNetwork
 from ninedtact_train.training.settings import TrainingSettings
 from ninedtact_train.training.training_loop import TrainingHistory
@@ -55,18 +55,10 @@ def fit_error_scale_correction(
 
 def _fit_axis_correction(absolute_error: Float64[Array, " n"], scale: Float64[Array, " n"]) -> tuple[float, float]:
     """Return gain and power of one axis; among powers that fit equally well, the one nearest to one."""
-    log_ratios = [np.log(_error_quantiles(absolute_error, scale, power) / LAPLACE_QUANTILES) for power in _POWERS]
-    misfit = [
-        abs(ratio[1] - ratio[0]) + 0.01 * abs(power - 1) for ratio, power in zip(log_ratios, _POWERS, strict=True)
-    ]
-    chosen = int(np.argmin(misfit))
+    quantiles = [np.maximum(np.quantile(absolute_error / scale**power, _SHARES), 1e-12) for power in _POWERS]
+    log_ratios = np.log(np.array(quantiles) / LAPLACE_QUANTILES)
+    chosen = int(np.argmin(np.abs(np.diff(log_ratios)[:, 0]) + 0.01 * np.abs(_POWERS - 1)))
     return float(np.exp(log_ratios[chosen].mean())), float(_POWERS[chosen])
-
-
-def _error_quantiles(
-    absolute_error: Float64[Array, " n"], scale: Float64[Array, " n"], power: float
-) -> Float64[Array, "2"]:
-    return np.maximum(np.quantile(absolute_error / scale**power, _SHARES), 1e-12)
 
 
 @dataclass(frozen=True)
@@ -136,7 +128,7 @@ class TrainedNetwork:
         settings, device = self.settings, self.network.unit.device
         generator = torch.Generator(device).manual_seed(settings.seed)
         for at in range(0, len(rows), settings.batch):
-            batch = BatchDataset(self.examples)[rows[at : at + settings.batch]].to(device).to_float()
+            batch = self.examples.batch(rows[at : at + settings.batch]).to(device).to_float()
             if augmented:
                 batch = augment_batch(settings.augmentation, batch, settings.input.mm_per_px, generator)
             yield batch.network_input(settings.input.channels)

@@ -4,12 +4,11 @@ Lightning Fabric runs it on any device, in several processes and at any precisio
 without running code in them; a training continues after the last one and then learns the same as without a stop.
 """
 
-import csv
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import BytesIO, StringIO
+from io import BytesIO
 from pathlib import Path
 from time import monotonic
 from typing import Any, cast
@@ -25,6 +24,7 @@ from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from ninedtact.atomic_write import write_file_atomically
+from ninedtact.csv_table import to_csv
 from ninedtact.errors import FileFormatError
 from ninedtact.quantities import WRENCH_AXES
 from ninedtact_train.dataset.split import SplitRows
@@ -32,7 +32,6 @@ from ninedtact_train.training.augmentation import augment_batch
 from ninedtact_train.training.examples import (
     TrainingBatch,
     TrainingExamples,
-    load_batches,
     move_torques_from_skin_centre,
     rows_of_batches,
 )
@@ -155,7 +154,6 @@ def fit_network(
     examples: TrainingExamples,
     rows: SplitRows,
     out: Path,
-    loader_workers: int = 0,
     *,
     progress: bool = False,
 ) -> TrainingHistory:
@@ -177,10 +175,9 @@ def fit_network(
         SummaryWriter(str(out / _TENSORBOARD_FOLDER)) as tensorboard,
     ):
         for epoch in range(run.first_epoch, settings.epochs):
-            batches = load_batches(examples, train_rows(epoch), loader_workers)
             metrics = {
-                **run.train(epoch, batches, bar),
-                **run.validate(load_batches(examples, held_out_rows, loader_workers)),
+                **run.train(epoch, map(examples.batch, train_rows(epoch)), bar),
+                **run.validate(map(examples.batch, held_out_rows)),
             }
             bar.set_postfix({"epoch": epoch + 1, **{name: metrics[name] for name in ("train_loss", MONITORED_METRIC)}})
             run.end_epoch({"epoch": epoch + 1, **metrics}, tensorboard)
@@ -310,8 +307,4 @@ def silence_loggers(*names: str, warnings_of: str) -> Iterator[None]:
 
 
 def _metrics_csv(epochs: list[EpochMetrics]) -> bytes:
-    text = StringIO()
-    table = csv.DictWriter(text, list(epochs[0]), lineterminator="\n")
-    table.writeheader()
-    table.writerows({name: f"{value:.6g}" for name, value in metrics.items()} for metrics in epochs)
-    return text.getvalue().encode()
+    return to_csv(epochs[0], ([f"{value:.6g}" for value in metrics.values()] for metrics in epochs))

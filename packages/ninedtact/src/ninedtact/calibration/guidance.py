@@ -64,6 +64,15 @@ class PinSearchResult:
         """Number of pins found."""
         return len(self.found_px)
 
+    @property
+    def advice(self) -> str:
+        """How many pins were found, and what to do for the others."""
+        if self.found == self.expected:
+            return f"pins {self.found} of {self.expected}"
+        where = f"press harder in the {self.side} part of the image" if self.side else "press harder"
+        flat = "" if self.has_lens else " and hold the board flat"
+        return f"pins {self.found} of {self.expected}: {where}{flat}"
+
 
 def search_board_pins(
     reference: BgrImage, press: BgrImage, design: SensorDesign, settings: CalibrationSettings
@@ -148,7 +157,7 @@ def guided_capture_steps(
     yield CaptureStep(
         "board",
         f"Press the pin board ({design.pin_board.cols} x {design.pin_board.rows} pins) evenly on the skin and hold it.",
-        lambda taken: _BoardPressWatcher(taken["board_reference"], design, settings),
+        lambda taken: BoardPressWatcher(taken["board_reference"], design, settings),
     )
     yield CaptureStep(
         "ball_reference", "Take the board away.", lambda taken: make_untouched_skin_watcher(taken["board_reference"])
@@ -244,7 +253,7 @@ def peak_local_brightness_change(reference: BgrImage, image: BgrImage) -> float:
 
 
 @dataclass
-class _BoardPressWatcher:
+class BoardPressWatcher:
     """Counts pins; accepts a press with all pins, or after several still presses one with as many as a lens needs."""
 
     reference: BgrImage
@@ -252,30 +261,28 @@ class _BoardPressWatcher:
     settings: CalibrationSettings
     still: _StillFrameAverager = field(default_factory=_StillFrameAverager)
     patience: int = PATIENCE
-    count: str = ""
+    pins: PinSearchResult | None = None
+    """The pins in the latest image of this press that was searched for them, here or by whoever shows them."""
 
     def __call__(self, image: BgrImage) -> CalibrationStepAdvice:
         """Evaluate one image."""
         if peak_local_brightness_change(self.reference, image) < TOUCHED_LEVELS:
             self.still.images.clear()
+            self.pins = None
             return CalibrationStepAdvice("nothing touches the skin yet")
         mean = self.still.add(image)
-        return (
-            CalibrationStepAdvice(f"{self.count}hold still {len(self.still)}/{AVERAGED}")
-            if mean is None
-            else self._evaluate_press(mean)
-        )
+        if mean is not None:
+            return self._evaluate_press(mean)
+        counted = "" if self.pins is None else f"{self.pins.advice}; "
+        return CalibrationStepAdvice(f"{counted}hold still {len(self.still)}/{AVERAGED}")
 
     def _evaluate_press(self, mean: BgrImage) -> CalibrationStepAdvice:
         """Return the advice about a still press, and the image where it is good enough."""
-        pins = search_board_pins(self.reference, mean, self.design, self.settings)
+        self.pins = pins = search_board_pins(self.reference, mean, self.design, self.settings)
         self.patience -= pins.has_lens
         if not pins.has_lens or (pins.found < pins.expected and self.patience > 0):
             self.still.images.clear()
-            where = f"press harder in the {pins.side} part of the image" if pins.side else "press harder"
-            flat = "" if pins.has_lens else " and hold the board flat"
-            self.count = f"pins {pins.found} of {pins.expected}: {where}{flat}; "
-            return CalibrationStepAdvice(self.count, pins=pins)
+            return CalibrationStepAdvice(pins.advice, pins=pins)
         faint = pins.contrast_grey_levels <= CONTRAST_TO_NOISE.good * pins.noise_grey_levels
         focus = "; faint: press harder next time, check the focus" if faint else ""
         return CalibrationStepAdvice(

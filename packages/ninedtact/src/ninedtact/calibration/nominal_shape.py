@@ -60,7 +60,7 @@ def find_view(reference: Float32[Array, "raw_rows raw_cols"]) -> tuple[View, Lit
         raise ReferenceUnusable(
             expected="lit reference images (no contact)",
             got=f"a mean grey level of {reference.mean():.0f} of 255",
-            remedy="name frames in which the sensor's light is on",
+            remedy="name frames in which the sensor's light is on; differences must lie about mid-grey",
         )
     most = max(float(lit.mean(axis=axis).max()) for axis in (0, 1))
     across, down = (np.flatnonzero(lit.mean(axis=axis) > _LIT_SHARE * most) for axis in (0, 1))

@@ -16,6 +16,7 @@ from itertools import chain
 from msgspec import structs
 from threadpoolctl import threadpool_limits
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings
@@ -75,6 +76,7 @@ def second_image_names(kind: SecondKind) -> tuple[str, str]:
     return f"{kind}_reference", kind
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class CalibrationImages:
     """The raw images of skin, board, skin and ball, (rows, cols, 3) BGR; the pair of the board or of the ball may be missing.
@@ -154,6 +156,7 @@ class Calibration:
         return self.fits.ball
 
 
+@checks_arguments
 def calibrate(
     images: CalibrationImages,
     design: SensorDesign = SensorDesign(),

@@ -18,7 +18,7 @@ from ninedtact.atomic_write import (
     refuse_working_directory,
     write_file_atomically,
 )
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY
+from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, checks_arguments
 from ninedtact.calibration.certificate.checks import has_failed_checks
 from ninedtact.calibration.certificate.html_page import render_certificate_html, replace_force_section
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
@@ -52,7 +52,8 @@ class SensorFolderNotReplaceable(OutputError):
     """A sensor cannot be written there without overwriting something else."""
 
 
-def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
+@checks_arguments
+def save_sensor(out: Path | str, calibration: Calibration) -> SensorFolder:
     """Write a calibration as a sensor folder, all or nothing; an older sensor folder at `out` is replaced.
 
     A calibration whose checks failed replaces only one whose checks failed as well. Otherwise the older one stays, and the failed
@@ -61,7 +62,7 @@ def save_sensor(out: Path, calibration: Calibration) -> SensorFolder:
 
     >>> folder = ninedtact.save_sensor(Path("my_sensor"), ninedtact.calibrate(images))
     """
-    final = _choose_folder(out, calibration.record)
+    final = _choose_folder(Path(out), calibration.record)
     with create_sensor_folder(final) as folder:
         if calibration.imported is not None:
             _copy_imported_files(folder, calibration.imported)

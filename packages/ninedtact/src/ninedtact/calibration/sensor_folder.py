@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 
 from ninedtact.bounds_and_checked_reading import (
     CHECKSUM_KEY,
+    checks_arguments,
     convert_tables_to_class,
     mapping_checksum,
     parse_toml,
@@ -65,6 +66,7 @@ class SensorFolderDamaged(FileFormatError):
     """The folder is not a sensor folder, a file in it is missing or changed, or its format is not supported."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SensorFolder:
     """One sensor's folder, read and checked.
@@ -200,6 +202,7 @@ class SensorFolder:
             )
         return rectify
 
+    @checks_arguments
     def stored_image(self, name: str) -> Frame:
         """Read an image that the sensor was calibrated from: `board_reference`, `board`, `ball_reference` or `ball`.
 
@@ -239,6 +242,7 @@ class SensorFolder:
             self.id, table.gel, table.light, self.rectification, reference, table.noise_grey_levels, area
         )
 
+    @checks_arguments
     def estimator(self, spec: str = "physics", with_force_scale: bool = True) -> "ForceEstimator":
         """Build a force estimator for this sensor, with the force scale of its folder.
 
@@ -301,6 +305,7 @@ class SensorFolder:
         return path
 
 
+@checks_arguments
 def load_sensor(folder: Path | str) -> SensorFolder:
     """Read and check a sensor folder; return it as a `SensorFolder`.
 

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds_and_checked_reading import checks_arguments, require_within_bounds
 from ninedtact.shape.depth import DepthMethod, Smoothing
 
 LensKind = Literal["model", "paper"]
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class CalibrationSettings:
     """How to calibrate; the defaults suit every sensor seen so far. Raises `InputError` for a choice that does not exist."""

@@ -6,7 +6,11 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from threading import Condition, Event, Thread
+from typing import Annotated
 
+from msgspec import Meta
+
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceIncomplete, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame
@@ -17,10 +21,14 @@ _LONGEST_PAUSE_NS = 1_000_000_000
 """Time between two frames of a recording after which a player goes on; a live view counts a camera as lost after 2 s."""
 
 
+_Milliseconds = Annotated[float, Meta(gt=0)]
+
+
 class NoRecentFrame(CameraError):
     """Raised where no frame arrived that is both new to the reader and recent enough."""
 
 
+@checks_arguments
 class LatestFrameSource(FrameSourceWrapper):
     """Reads another source in the background and returns its newest frame, so that a slow reader lags by one frame at most.
 
@@ -31,7 +39,12 @@ class LatestFrameSource(FrameSourceWrapper):
             frame = camera.read()
     """
 
-    def __init__(self, source: FrameSource, max_age_ms: float = 200.0, timeout_ms: float = 2000.0) -> None:
+    def __init__(
+        self,
+        source: FrameSource,
+        max_age_ms: Annotated[float, Meta(gt=0)] = 200.0,
+        timeout_ms: Annotated[float, Meta(gt=0)] = 2000.0,
+    ) -> None:
         super().__init__(source)
         self.dropped = 0
         """Frames that were too old or replaced by a newer one before anybody read them."""

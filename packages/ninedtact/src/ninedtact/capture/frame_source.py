@@ -13,13 +13,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 from weakref import ReferenceType, ref
 
-import numpy as np
+from msgspec import Meta
 
+from ninedtact.bounds_and_checked_reading import checks_arguments, describe_value
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image, require_image_size
-from ninedtact.errors import CameraError, FileFormatError, InputError
+from ninedtact.errors import CameraError, FileFormatError
 from ninedtact.quantities import Frame
 
 Opened = TypeVar("Opened", bound="Openable")
@@ -167,38 +168,11 @@ class FrameSource(Openable):
 
 
 def require_frame(frame: Any, name: str) -> Frame:
-    """Return what a source of this name has read; raises `CameraError` unless it is a frame with an 8-bit colour image.
-
-    Its stamp and index have to be numbers that a recording can hold.
-    """
-    if not isinstance(frame, Frame):
-        got = "none" if frame is None else f"an object of type {type(frame).__name__}"
-    elif not isinstance(frame.image, np.ndarray):
-        got = f"a frame whose image is of type {type(frame.image).__name__}"
-    elif frame.image.dtype != np.uint8 or frame.image.ndim != 3 or frame.image.shape[2] != 3 or not frame.image.size:
-        got = f"an image of type {frame.image.dtype} and shape {frame.image.shape}"
-    elif not all(isinstance(number, int | np.integer) for number in (frame.stamp_ns, frame.index)) or not (
-        0 <= frame.stamp_ns < 1 << 62 and 0 <= frame.index < 1 << 32
-    ):
-        got = f"a frame with stamp {frame.stamp_ns!r} and index {frame.index!r}"
-    else:
+    """Return what a source of this name has read; raises `CameraError` unless it is a frame whose image has pixels."""
+    if isinstance(frame, Frame) and frame.image.size:
         return frame
-    raise CameraError(
-        expected=f"a Frame from {name}: an image of type uint8 and shape (rows, cols, 3), whole numbers as stamp and index",
-        got=got,
-        remedy="correct its read method",
-    )
-
-
-def require_frame_source(source: Any) -> FrameSource:
-    """Return what a program gave as a source; raises `InputError` unless it is one."""
-    if isinstance(source, FrameSource):
-        return source
-    raise InputError(
-        expected="a FrameSource, or the address of one as source_for(ADDRESS) takes it",
-        got="none" if source is None else f"an object of type {type(source).__name__}",
-        remedy="derive a class of your own from FrameSource",
-    )
+    got = "an image without pixels" if isinstance(frame, Frame) else describe_value(frame)
+    raise CameraError(expected=f"a Frame from {name}", got=got, remedy="correct its read method")
 
 
 Inner = TypeVar("Inner", bound=Openable)
@@ -248,22 +222,23 @@ class FrameSourceWrapper(SourceWrapper[FrameSource], FrameSource):
         self._source.set_exposure(exposure_ms)
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class CameraSettings:
     """What to set on a camera; None leaves a setting as the camera has it. Every value is read back and must be in force."""
 
-    size_px: tuple[int, int] | None = (640, 480)
+    size_px: tuple[Annotated[int, Meta(ge=1)], Annotated[int, Meta(ge=1)]] | None = (640, 480)
     """Columns and rows."""
-    rate_hz: float | None = None
+    rate_hz: Annotated[float, Meta(gt=0)] | None = None
     pixel_format: str | None = None
     """Four letters. None takes the camera's own, and MJPG where uncompressed images do not arrive, lack the size or are slow."""
     auto_exposure: bool | None = None
-    exposure_ms: float | None = None
+    exposure_ms: Annotated[float, Meta(gt=0)] | None = None
     """Implies that automatic exposure is off."""
     gain: float | None = None
     """In the camera's own unit."""
     auto_white_balance: bool | None = None
-    white_balance_k: float | None = None
+    white_balance_k: Annotated[float, Meta(gt=0)] | None = None
     """Implies that automatic white balance is off."""
     autofocus: bool | None = None
     focus: float | None = None

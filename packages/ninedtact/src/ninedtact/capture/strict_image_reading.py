@@ -17,6 +17,7 @@ from jaxtyping import Shaped, UInt8
 from numpy import ndarray as Array
 from PIL import Image, UnidentifiedImageError
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import FileFormatError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
@@ -46,6 +47,7 @@ _CUT_SHORT = "a file that is cut short"
 _DAMAGED = "a damaged file"
 
 
+@checks_arguments
 def read_image(path: str | Path) -> UInt8[Array, "rows cols 3"]:
     """Read a PNG, JPEG or BMP file as 8-bit BGR, pixels as stored (no rotation by EXIF).
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notice, print_result
-from ninedtact.cli.shared_options import JsonOption, require_duration
+from ninedtact.cli.shared_options import AboveZero, JsonOption
 from ninedtact.source_addresses import is_twin_address, source_for
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class CameraDelayCommand:
     sensor: Path | None = None
     """Sensor folder in which the delay is kept, in camera.toml; `record` and `collect` use it with --camera-delay-ms saved, for the
     same source. A new calibration removes it. The delay of sim is printed only."""
-    seconds: float = 15.0
+    seconds: AboveZero = 15.0
     """Duration."""
     json: JsonOption = False
 
@@ -46,7 +46,6 @@ class CameraDelayCommand:
         from ninedtact.capture.camera_delay import measure_camera_delay, write_camera_delay
         from ninedtact.capture.uvc_camera import UvcCamera
 
-        require_duration(self.seconds)
         folder = None if self.sensor is None else load_sensor_with_notices(self.sensor)
         camera, light = self._camera_and_light(folder)
         with camera:

@@ -5,12 +5,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from msgspec import Meta
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices
 from ninedtact.cli.serve_sensor_page import (
     PageSensor,
-    require_display_rate,
     require_page_libraries,
     serve_sensor_page,
 )
@@ -24,7 +25,6 @@ from ninedtact.cli.shared_options import (
     refuse_design_beside_sensor,
 )
 from ninedtact.design import SensorDesign
-from ninedtact.errors import InputError
 from ninedtact.force.estimator_loading import PHYSICS
 from ninedtact.live_sensor import assemble_live_sensor
 
@@ -47,7 +47,7 @@ class DemoCommand:
     force: ForceOption = PHYSICS
     out: Path = Path("out/demo")
     """Folder for the sensor folder, and for what is saved from the page."""
-    rounds: int | None = None
+    rounds: Annotated[int, Meta(ge=1)] | None = None
     """Number of rounds of the press sequence; without it, the demo runs until Ctrl-C at a terminal."""
     display_hz: DisplayRateOption = 30.0
     address: PageAddressOption = PageAddressOptions()
@@ -58,9 +58,7 @@ class DemoCommand:
         """Calibrate the twin, then show it."""
         from ninedtact.simulation.simulated_sources import demo_sources
 
-        self.require_rounds()
         refuse_design_beside_sensor(self.sensor, self.design_file)
-        require_display_rate(self.display_hz)
         require_page_libraries()
         guard = self.address.new_guard()
         self.out.mkdir(parents=True, exist_ok=True)
@@ -80,11 +78,6 @@ class DemoCommand:
             )
         print(f"stopped after {live.sensor.frames_read} images; the sensor is in {folder.path}")
         return 0
-
-    def require_rounds(self) -> None:
-        """Refuse fewer rounds than one; raises `InputError`."""
-        if self.rounds is not None and self.rounds < 1:
-            raise InputError(expected="--rounds of at least 1", got=f"{self.rounds}", remedy="drop it")
 
     @property
     def resolved_rounds(self) -> int | None:

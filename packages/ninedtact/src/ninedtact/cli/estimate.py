@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
 from ninedtact.cli.result_and_interrupt import (
     count_images,
     given_or_recorded_sensor,
@@ -61,7 +60,6 @@ class EstimateCommand:
         from ninedtact.errors import CameraError, FileFormatError
         from ninedtact.shape.image_plausibility import ImageImplausible
 
-        require_within_bounds(self)
         if self.out is not None:
             require_place_for_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:

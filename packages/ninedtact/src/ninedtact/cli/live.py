@@ -11,7 +11,6 @@ import tyro
 from ninedtact.cli.result_and_interrupt import given_or_recorded_sensor, print_notice, stop_on_signal
 from ninedtact.cli.serve_sensor_page import (
     PageSensor,
-    require_display_rate,
     require_page_libraries,
     serve_sensor_page,
 )
@@ -65,7 +64,6 @@ class LiveCommand:
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
         require_page_libraries()
-        require_display_rate(self.display_hz)
         guard = self.address.new_guard()
         named = self.named_sources()
         with ExitStack() as opened:
@@ -117,14 +115,12 @@ class PlayCommand:
     """Sensor folder to measure the images with, in place of the one that the recording carries."""
     out: Path = Path("readings")
     """Folder for what is exported from the page."""
-    display_hz: float = 30.0
-    """Largest number of images shown per second."""
+    display_hz: DisplayRateOption = 30.0
     address: PageAddressOption = PageAddressOptions()
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
         require_page_libraries()
-        require_display_rate(self.display_hz)
         if not is_recording_address(str(self.recording)):
             raise RecordingUnreadable(
                 expected=f"a recording ({RECORDING_SUFFIX})", got=f"{self.recording}", remedy="check the path"

@@ -25,7 +25,6 @@ from ninedtact.cli.shared_options import (
     NamedSourcesOption,
     SecondsOption,
     parse_named_sources,
-    require_duration,
 )
 from ninedtact.errors import OutputError
 from ninedtact.force.estimator_loading import NONE
@@ -89,7 +88,6 @@ class RecordCommand:
         """
         require_recording_libraries()
         require_new_recording_path(self.out)
-        require_duration(self.seconds)
         if self.height_bits == 16 and not self.heights:
             raise OutputError(
                 expected="--height-bits with --heights",

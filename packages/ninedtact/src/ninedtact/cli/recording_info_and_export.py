@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+from msgspec import Meta
 
 from ninedtact._version import find_entry_point
 from ninedtact.cli.record import require_new_recording_path
@@ -168,13 +169,13 @@ class ExportCommand:
     writes a file for the Rerun viewer: images, surfaces, wrenches with error bands."""
     task: str = "touch"
     """With `--to lerobot`: what is done in the recordings, in words."""
-    fps: int | None = None
+    fps: Annotated[int, Meta(ge=1)] | None = None
     """With `--to lerobot`: frames per second of the data set; the nearest images are taken. Otherwise all images are, and the
     recordings must have one rate, within 5 %."""
     tracking: bool = False
     """With `--to lerobot`: add contacts, motion of the object and slip, as `ninedtact track` finds them; Rerun has them always."""
     sensor: RecordedSensorOption = None
-    points_every: int = 4
+    points_every: Annotated[int, Meta(ge=1)] = 4
     """With `--to rerun`: write the points of every so many rows and columns of the height map."""
     json: JsonOption = False
 

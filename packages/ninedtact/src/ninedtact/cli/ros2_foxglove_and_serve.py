@@ -34,8 +34,6 @@ from ninedtact.cli.shared_options import (
     ServerHostOption,
     SourceOption,
     parse_named_sources,
-    require_duration,
-    require_points_every,
 )
 from ninedtact.design import SensorDesign
 from ninedtact.errors import InputError
@@ -121,9 +119,7 @@ class Ros2Command:
         require_libraries("ros2", "cyclonedds", "rosbags", "mcap")
         from ninedtact.interop.dds import DdsParticipant, parse_qos
 
-        require_duration(self.shared.seconds)
         profiles = parse_qos(self.qos)
-        require_points_every(self.points_every)
         named = parse_named_sources(self.source, self.sensor)
         if "" not in named and self.name is not None:
             raise InputError(
@@ -232,8 +228,6 @@ class FoxgloveCommand:
         from ninedtact.interop.sensor_sharing import watch_sensor
         from ninedtact.recording.topics_and_messages import ros_name
 
-        require_duration(self.shared.seconds)
-        require_points_every(self.points_every)
         if self.layout is not None and self.layout.exists():
             raise InputError(expected="--layout to name a new file", got=f"{self.layout}", remedy="choose another name")
         served = 0
@@ -277,7 +271,6 @@ class ServeCommand:
         require_libraries("stream", "websockets")
         from ninedtact.interop.reading_stream import ReadingServer
 
-        require_duration(self.shared.seconds)
         with (
             self.shared.assemble(self.source, self.sensor) as (folder, live),
             ReadingServer(folder.id, self.host, self.port, self.tcp_port, self.allow_origin) as server,

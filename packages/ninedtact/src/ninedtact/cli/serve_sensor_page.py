@@ -12,7 +12,6 @@ from time import monotonic_ns
 from typing import TYPE_CHECKING
 
 from ninedtact.cli.result_and_interrupt import stop_on_signal
-from ninedtact.errors import InputError
 from ninedtact.required_libraries import require_libraries
 
 if TYPE_CHECKING:
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from ninedtact.live_sensor import LiveSensor
     from ninedtact.reading import Reading
     from ninedtact.studio.page_controller import DisplayedSensor
-
-_MAX_DISPLAY_HZ = 120.0
 
 
 @dataclass(frozen=True)
@@ -129,28 +126,21 @@ def _open_displayed_sensor(
         histories.append(opened.enter_context(poller).history)
     if part.estimates_force:
         estimator = live.sensor.estimator
-        meaning = f"what {estimator.name} reads from the image alone, ± one standard deviation"
+        meaning = f"what {estimator.name} reads from the image and the turn of the object, ± one standard deviation"
         histories.append(WrenchHistory("estimated", meaning, estimator.notices, states_errors=True))
 
     follower = ObjectFollower() if live.simulation is None else ObjectFollower(live.simulation.press_at)
 
-    def keep(reading: "Reading") -> None:
+    def keep(reading: "Reading") -> "Reading":
+        reading = follower.add(reading)
         if reading.force is not None:
             histories[-1].add_estimate(reading.force)
         recorder.add(reading, number)
-        follower.add(reading)
+        return reading
 
     press = None if live.simulation is None else TwinPressController(live.simulation)
     readings = opened.enter_context(SensorPoller(live.sensor, keep))
     return DisplayedSensor(readings, histories, press, part.name, follower)
-
-
-def require_display_rate(display_hz: float) -> None:
-    """Refuse a display rate of zero, or one above the rate of screens."""
-    if not 0 < display_hz <= _MAX_DISPLAY_HZ:
-        raise InputError(
-            expected=f"--display-hz above 0 and at most {_MAX_DISPLAY_HZ:g}", got=f"{display_hz:g}", remedy="drop it"
-        )
 
 
 def require_page_libraries() -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from msgspec import Meta
 from tyro.conf import UseAppendAction, arg
 
 from ninedtact.design import SensorDesign
@@ -69,15 +70,19 @@ FollowReferenceOption = Annotated[
     arg(help="Let the reference image of a live source follow slow changes of light and gel while nothing touches."),
 ]
 LoopOption = Annotated[bool, arg(help="Repeat a recording, video or folder of images when it ends.")]
-SecondsOption = Annotated[float | None, arg(help="Duration; without it, until Ctrl-C or the end of the source.")]
+AboveZero = Annotated[float, Meta(gt=0, le=1e9)]
+SecondsOption = Annotated[AboveZero | None, arg(help="Duration; without it, until Ctrl-C or the end of the source.")]
 DisplayRateOption = Annotated[
-    float, arg(help="Largest number of readings shown per second; the sensor is read at its own rate.")
+    Annotated[float, Meta(gt=0, le=120)],
+    arg(help="Largest number of readings shown per second; the sensor is read at its own rate."),
 ]
 _ON_NETWORK = "of this computer alone, or one at which others on the network reach it (0.0.0.0: all of them)."
 ServerHostOption = Annotated[
     str, arg(help=f"Address to listen on: {_ON_NETWORK} Then clients need the random token that is printed.")
 ]
-PointsEveryOption = Annotated[int, arg(help="Send the points of every so many rows and columns of the height map.")]
+PointsEveryOption = Annotated[
+    Annotated[int, Meta(ge=1)], arg(help="Send the points of every so many rows and columns of the height map.")
+]
 WorkersOption = Annotated[int, arg(help="Number of processes; one for each core.")]
 ClusterOption = Annotated[
     str | None,
@@ -145,18 +150,6 @@ def parse_image_size(text: str) -> tuple[int, int]:
 
 
 PageAddressOption = Annotated[PageAddressOptions, arg(name="")]
-
-
-def require_duration(seconds: float | None) -> None:
-    """Raise `InputError` for a duration that is not above zero."""
-    if seconds is not None and not 0 < seconds < float("inf"):
-        raise InputError(expected="--seconds above zero", got=f"{seconds}", remedy="drop it, or give a longer time")
-
-
-def require_points_every(points_every: int) -> None:
-    """Raise `InputError` for a number of rows and columns that is not above zero."""
-    if points_every < 1:
-        raise InputError(expected="--points-every of 1 or more", got=f"{points_every}", remedy="drop it")
 
 
 _NAMED_ADDRESS = re.compile(r"(?P<name>[A-Za-z][A-Za-z0-9_]*)=(?P<address>.+)")

@@ -16,7 +16,7 @@ from ninedtact.cli.result_and_interrupt import (
     print_result,
     stop_on_signal,
 )
-from ninedtact.cli.shared_options import RecordedSensorOption, ReferenceOrFirstOption, SourceOption
+from ninedtact.cli.shared_options import AboveZero, RecordedSensorOption, ReferenceOrFirstOption, SourceOption
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class TrackCommand:
     """With --rectified: mm on the skin per pixel; without it, the view is as wide as that of the published sensor."""
     reference_frames: Annotated[str | None, tyro.conf.arg(metavar="FIRST:END")] = None
     """With --rectified: images without contact by their numbers, such as 0:10; without it, the first until something changes."""
-    rate_hz: float | None = None
+    rate_hz: AboveZero | None = None
     """With --rectified: images per second; without it, the times of the video, and 10 for a folder."""
     out: Path | None = None
     """CSV file for the path."""
@@ -164,6 +164,7 @@ def _row(reading: "Reading", found: "TrackedContacts", first_ns: int) -> dict[st
     import numpy as np
 
     motion, slip = found.motion, found.slip
+    force = None if found.reading.force is None else found.reading.force.about_skin_centre()
     moved_mm, turned_deg = motion.moved_mm, np.degrees(motion.motion.rotation_vector_rad)
     std = np.concatenate([motion.std[:3], np.degrees(motion.std[3:])])
     numbers = [*moved_mm, *turned_deg, np.degrees(motion.motion.yaw_rad)]
@@ -186,8 +187,8 @@ def _row(reading: "Reading", found: "TrackedContacts", first_ns: int) -> dict[st
         "slip_speed_mm_s": slip.speed,
         "friction": slip.friction,
         "friction_std": slip.friction_std,
-        "torque_z_nm": float("nan") if found.force is None else float(found.force.wrench.torque_nm[2]),
-        "torque_z_nm_std": float("nan") if found.force is None else float(found.force.std[5]),
+        "torque_z_nm": float("nan") if force is None else float(force.wrench.torque_nm[2]),
+        "torque_z_nm_std": float("nan") if force is None else float(force.std[5]),
         "overlap": motion.overlap,
         "rms_mm": motion.rms_mm,
         "key_frame": motion.is_key_frame,

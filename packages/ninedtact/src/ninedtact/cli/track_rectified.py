@@ -4,10 +4,11 @@ object that touches.
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ninedtact.cli.result_and_interrupt import print_notice, print_notices
+from ninedtact.cli.result_and_interrupt import print_notice
 from ninedtact.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,14 +37,13 @@ def track_rectified(
     from ninedtact.rectified_images import open_rectified
     from ninedtact.tracking import SequenceTracker
 
-    if rate_hz is not None and not 0 < rate_hz < float("inf"):
-        raise InputError(expected="--rate-hz above zero", got=f"{rate_hz:g}", remedy="give the images per second")
     source = _open_file(address)
     references = _references(source, reference, reference_frames)
-    print_notices(f"{notice}; name others with --reference-frames" for notice in references.notices)
     tracker, damage = SequenceTracker(rate_hz), None
-    with open_rectified(source, references.frames, mm_per_px) as sensor:
+    with open_rectified(source, references, mm_per_px) as sensor:
         print_notice(f"{_describe_scale(sensor, mm_per_px)}; {_NOT_KNOWN}")
+        if not reference and reference_frames is None:
+            print_notice(_describe_reference(references))
         try:
             for reading in sensor:
                 tracker.add(reading)
@@ -94,18 +94,18 @@ def _references(source: "FrameSource", images: Sequence[Path], frames: str | Non
     """Return the reference images that the options name, or those of the source."""
     from ninedtact.capture.strict_image_reading import read_image, require_image_size
     from ninedtact.quantities import Frame
-    from ninedtact.reference_frames import ReferenceFrames, read_reference_frames
+    from ninedtact.reference_frames import read_reference_frames
 
     chosen = None if frames is None else parse_frame_range(frames)
     if images and chosen is not None:
         raise InputError(expected="--reference or --reference-frames", got="both", remedy="drop one of them")
     if not images:
         return read_reference_frames(source, chosen)
-    (shown, *_), read = read_reference_frames(source, (0, 1)).frames, [read_image(path) for path in images]
+    found, read = read_reference_frames(source), [read_image(path) for path in images]
+    rows, cols = found.frames[0].image.shape[:2]
     for path, image in zip(images, read, strict=True):
-        rows, cols = shown.image.shape[:2]
         require_image_size(image, rows, cols, str(path))
-    return ReferenceFrames(tuple(Frame(image) for image in read))
+    return replace(found, frames=tuple(Frame(image) for image in read))
 
 
 def parse_frame_range(text: str) -> tuple[int, int]:
@@ -127,6 +127,12 @@ def _describe_scale(sensor: "Sensor", given_mm_per_px: float | None) -> str:
     return f"no calibration: the view is taken to be {width_mm:.0f} mm wide (--mm-per-px)"
 
 
+def _describe_reference(references: "ReferenceFrames") -> str:
+    """Return which images of the source are the reference."""
+    first, last = (references.frames[at].index for at in (0, -1))
+    return f"images {first}:{last + 1} are taken to show no contact; name others with --reference-frames"
+
+
 def _row(image: "TrackedImage") -> dict[str, Any]:
     from math import degrees
 
@@ -139,7 +145,7 @@ def _row(image: "TrackedImage") -> dict[str, Any]:
         "time_s": image.time_s,
         "state": str(motion.state),
         "touching": motion.state == "tracked",
-        "slip": _slip_label(image),
+        "slip": image.slip_label,
         "p_incipient": 0.0 if is_untouched else slip.p_incipient,
         "p_gross": 0.0 if is_untouched else slip.p_gross,
         "sticking_share": slip.sticking_share,
@@ -154,10 +160,3 @@ def _row(image: "TrackedImage") -> dict[str, Any]:
         "shear_y": shear_y,
         "reason": motion.reason,
     }
-
-
-def _slip_label(image: "TrackedImage") -> str:
-    """Return the label of slip: static where nothing touches, empty where the image says nothing."""
-    if image.motion.state == "no contact":
-        return "static"
-    return "" if image.slip.state == "unknown" else str(image.slip.state)

@@ -35,7 +35,7 @@ from ninedtact.recording.metadata import wall_time_ns
 from ninedtact.sensor import Sensor
 from ninedtact.tracking import ContactTracker, TrackedContacts
 
-STREAM_FORMAT = 1
+STREAM_FORMAT = 2
 """Number of the message format, raised when a field changes its meaning."""
 ImageFormat = Literal["none", "jpeg", "png"]
 _QUEUED_READINGS = 8
@@ -108,8 +108,6 @@ class StreamedTracking(msgspec.Struct):
     motion: StreamedMotion | None
     """Null where the object is not followed."""
     slip: StreamedSlip
-    wrench: StreamedWrench | None
-    """The wrench with the torque about z that the turn of the object shows; null where no force is estimated."""
 
 
 class StreamedImage(msgspec.Struct):
@@ -137,7 +135,7 @@ class StreamedReading(msgspec.Struct, tag="reading", tag_field="type"):
     max_indentation_mm: float
     contact_area_mm2: float
     wrench: StreamedWrench | None
-    """Null where no force is estimated."""
+    """Null where no force is estimated; with tracking, the torque about z is also that of the object's turn."""
     warnings: list[str]
     """Why the reading should not be trusted; empty where there is no reason."""
     missed: int = 0
@@ -187,6 +185,8 @@ class _SharedMessage:
         message.missed = missed
         message.image = None if wanted.images == "none" else self._image(wanted.images, reading)
         message.tracking = self._tracking if wanted.tracking else None
+        force = (self._tracked.reading if self._tracked is not None and wanted.tracking else reading).force
+        message.wrench = None if force is None else _streamed_wrench(force)
         message.age_ms = round(reading.age_ms(monotonic_ns()), 3)
         return msgspec.json.encode(message)
 
@@ -202,7 +202,7 @@ class _SharedMessage:
             age_ms=0.0,
             max_indentation_mm=reading.max_indentation_mm,
             contact_area_mm2=reading.contact_area_mm2,
-            wrench=None if reading.force is None else _streamed_wrench(reading.force),
+            wrench=None,
             warnings=list(reading.warnings),
         )
 
@@ -240,8 +240,7 @@ def _streamed_tracking(found: TrackedContacts) -> StreamedTracking:
     )
     numbers = (slip.p_incipient, slip.p_gross, slip.sticking_share, slip.speed, slip.friction, slip.friction_std)
     known = [float(one) if np.isfinite(one) else None for one in numbers]
-    wrench = None if found.force is None else _streamed_wrench(found.force)
-    return StreamedTracking(contacts, moved if motion.is_known else None, StreamedSlip(str(slip.state), *known), wrench)
+    return StreamedTracking(contacts, moved if motion.is_known else None, StreamedSlip(str(slip.state), *known))
 
 
 class _ClientQueue:

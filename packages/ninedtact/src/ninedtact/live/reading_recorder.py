@@ -176,7 +176,9 @@ class _Recording:
         )
 
     def _loss(self, size: int) -> str:
-        """Return what is said where less is there than was written; nothing while it is written."""
+        """Return what is said where less is there than was written, or no file while it is written."""
+        if self.is_running and not self.path.is_file():
+            return f"expected {self.path}, got no such file: it was removed or moved; stop, and record again"
         if self.is_running or size >= self._written_bytes:
             return ""
         expected = f"the {self._written_bytes} bytes that were recorded to {self.path}"

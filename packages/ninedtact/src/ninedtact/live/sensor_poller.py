@@ -101,13 +101,13 @@ class SensorPoller:
     """Reads a sensor in its own thread while it is open (`with`); its source should be a `LatestFrameSource`.
 
     If the sensor has no depth reader, its first images become the reference. `on_reading` is called in the sensor thread with
-    every reading, also with those that the page does not show.
+    every reading, also with those that the page does not show; a reading that it returns takes the place of this one.
     """
 
     def __init__(
         self,
         sensor: Sensor,
-        on_reading: Callable[[Reading], None] = lambda reading: None,
+        on_reading: Callable[[Reading], Reading | None] = lambda reading: None,
     ) -> None:
         self.sensor, self._on_reading = sensor, on_reading
         self._phase = SensorPhase.READING
@@ -197,7 +197,7 @@ class SensorPoller:
         self._reference_wanted.clear()
 
     def _keep(self, reading: Reading) -> None:
-        self._on_reading(reading)
+        reading = self._on_reading(reading) or reading
         deepest_mm, arrived_ns = max_indentation_mm(reading.height), reading.frame.stamp_ns
         with self._lock:
             self._phase, self._trouble, self._reading = SensorPhase.READING, None, reading

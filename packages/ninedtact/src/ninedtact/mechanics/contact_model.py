@@ -151,19 +151,16 @@ class AlternatingSolver:
         return self._result(rounds.take(state), iterations)
 
     def _select(self, indices: ContactIndices) -> "AlternatingSolver":
-        """Return the problem of these contacts of a batch."""
         given = self.constraint, self.overlap_mm, self.depth_mm, self.carried_mm, self.friction
         constraint, overlap, depth, carried, friction = map_arrays(partial(take_contacts, indices=indices), given)
         operators = self.operators.select(indices)
         return AlternatingSolver(operators, constraint, overlap, depth, carried, friction, self.settings)
 
     def _result(self, state: AlternationState, iterations: PerContact) -> AlternatingSolverResult:
-        """Return the result after a round."""
         residual = self.operators.xp.maximum(state.pressure.initial_residual_mm, state.shear.initial_residual_mm)
         return AlternatingSolverResult(state, residual, iterations)
 
     def _tolerance_mm(self, depth_increase_mm: PerContact) -> PerContact:
-        """Return the tolerance at the depth that was found."""
         return self.settings.tolerance_mm(self.depth_mm + depth_increase_mm)
 
     def _next_state(self, last: AlternationState) -> AlternationState:

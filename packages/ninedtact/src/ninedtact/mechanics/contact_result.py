@@ -269,7 +269,6 @@ def reach_mm(contacts: Contact) -> Float64[Array, "batch 2"]:
 def _reach_mm(
     contacts: Contact, by_col: Float64[Array, "batch cols"], by_row: Float64[Array, "batch rows"]
 ) -> Float64[Array, "batch 2"]:
-    """Return `reach_mm` of contacts with pressure in these columns and rows."""
     (x, y), pose = contacts.skin.grid.positions_mm, contacts.pose
     reach = (
         np.max(np.abs(axis_mm + np.asarray(middle)[:, None]) * touched, axis=1)
@@ -304,6 +303,5 @@ def require_converged(
 
 
 def _to_double(field: Float[Any, "*shape"]) -> Float[Any, "*shape"]:
-    """Return a field in double precision."""
     xp = array_namespace_of(field)
     return xp.astype(field, xp.float64)

@@ -115,19 +115,13 @@ def finite_strain_thickening_terms_mm(
     strain = greatest_thinning_mm / gel.thickness_mm
     if tangential_mm is None:
         return strain * thicker, -strain * smooth
-    carried = sum(
-        _difference(xp, thicker * tangential_mm[..., axis, :, :], -1 - axis, grid.pitch_mm) for axis in (0, 1)
-    )
+    flows = ((thicker * tangential_mm[..., axis, :, :], -1 - axis) for axis in (0, 1))
+    # Central differences of periodic fields.
+    carried = sum((xp.roll(flow, -1, axis=by) - xp.roll(flow, 1, axis=by)) / (2 * grid.pitch_mm) for flow, by in flows)
     return strain * thicker, -strain * smooth, -carried
 
 
 @lru_cache(maxsize=8)
 def _gaussian_mean(grid: PeriodicGrid, sigma_mm: float) -> Float32[Array, "rows half"]:
-    """Return the transform of a Gaussian mean."""
     wave_x, wave_y = grid.wave_vectors
     return np.exp(-(wave_x**2 + wave_y**2) * sigma_mm**2 / 2).astype(np.float32)
-
-
-def _difference(xp: Any, field: ScalarField, axis: int, pitch_mm: float) -> ScalarField:
-    """Return the central difference of a periodic field along one axis, per mm."""
-    return (xp.roll(field, -1, axis=axis) - xp.roll(field, 1, axis=axis)) / (2 * pitch_mm)

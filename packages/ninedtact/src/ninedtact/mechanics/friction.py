@@ -78,7 +78,8 @@ class FrictionLimit:
         outward, squared_shear = _dot_at_each_point(miss, shear), _squared_length(shear)
         slips = (squared_shear >= self.squared_limit) & (outward < 0)
         radial = slips * outward / (squared_shear + _SMALLEST_MPA)
-        return _max_component_over_grid((miss - radial[..., None, :, :] * shear) * self.pressed[..., None, :, :])
+        missed = abs((miss - radial[..., None, :, :] * shear) * self.pressed[..., None, :, :])
+        return array_namespace_of(miss).max(missed, axis=(-3, -2, -1), keepdims=True)[..., 0, :, :]
 
 
 def slip_mask(shear: VectorField, max_shear: ScalarField) -> PointMask:
@@ -167,18 +168,11 @@ def _projected_gradient_step(
 
 
 def _dot_at_each_point(one: VectorField, other: VectorField) -> ScalarField:
-    """Return the dot product of two vectors at each point."""
     return one[..., 0, :, :] * other[..., 0, :, :] + one[..., 1, :, :] * other[..., 1, :, :]
 
 
 def _squared_length(vectors: VectorField) -> ScalarField:
-    """Return the squared length of the vector at each point."""
     return _dot_at_each_point(vectors, vectors)
-
-
-def _max_component_over_grid(miss: VectorField) -> PerContact:
-    """Return the largest absolute component of each vector field."""
-    return array_namespace_of(miss).max(abs(miss), axis=(-3, -2, -1), keepdims=True)[..., 0, :, :]
 
 
 def _inner_product(one: VectorField, other: VectorField) -> PerContact:

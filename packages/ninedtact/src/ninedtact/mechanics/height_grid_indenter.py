@@ -175,8 +175,10 @@ def _bilinear_height(
     stride = cols + 2 if isinstance(cols, int) else xp.astype(cols + 2, xp.int64)
     first = xp.astype(row * (cols + 2) + col, xp.int64)
     first = first if start is None else first + start
-    corners = (first + step for step in (0, 1, stride, stride + 1))
-    upper, upper_right, lower, lower_right = (_take_entries(xp, flat_mm, corner) for corner in corners)
+    upper, upper_right, lower, lower_right = (
+        xp.reshape(xp.take(flat_mm, xp.reshape(first + step, (-1,)), axis=0), first.shape)
+        for step in (0, 1, stride, stride + 1)
+    )
     upper, lower = upper + along * (upper_right - upper), lower + along * (lower_right - lower)
     return upper + down * (lower - upper)
 
@@ -189,11 +191,6 @@ def _grid_cell(xp: Any, position_mm: Any, per_mm: Any, samples: Any) -> tuple[An
     last = zero + samples
     first = xp.minimum(xp.maximum(xp.floor(index), zero), last)
     return first, xp.minimum(xp.maximum(index - first, zero), zero + 1)
-
-
-def _take_entries(xp: Any, flat: Any, index: Any) -> Any:
-    """Return entries of a flat array in the shape of the index."""
-    return xp.reshape(xp.take(flat, xp.reshape(index, (-1,)), axis=0), index.shape)
 
 
 @lru_cache(maxsize=64)

@@ -123,7 +123,6 @@ def _normalised_compliance(
 
 
 def _mean_compliance_of_layer(gel: Gel) -> _MeanCompliance:
-    """Return the compliance of one layer to a uniform load."""
     nu, h_over_g = gel.poisson_ratio, gel.thickness_mm / gel.shear_modulus_mpa
     return _MeanCompliance((1 - 2 * nu) / (2 * (1 - nu)) * h_over_g, h_over_g)
 

@@ -65,7 +65,6 @@ def inverse_transform(spectrum: Any, shape: tuple[int, int], field_shape: tuple[
 
 
 def _transform_module(array: Any) -> Any:
-    """Return the module whose transforms take this kind of array."""
     return _scipy_fft() if isinstance(array, np.ndarray) else array_namespace_of(array).fft
 
 
@@ -125,12 +124,13 @@ def drop_grid_axes(numbers: PerContact) -> ScalarPerContact:
 
 
 def may_stop_after(iterations: int, unconverged: ContactFlags) -> bool:
-    """Return whether it is time to look if all contacts have converged: always for a single contact.
+    """Return whether it is time to look if all contacts have converged: always for a single contact and in NumPy.
 
     A device must finish all its work before the processor can see its flags, so those of a batch are seen now and then.
     Contacts that have converged do not change meanwhile.
     """
-    return unconverged.ndim == 2 or (iterations > 0 and iterations % ITERATIONS_UNSEEN == 0)
+    at_once = unconverged.ndim == 2 or isinstance(unconverged, np.ndarray)
+    return at_once or (iterations > 0 and iterations % ITERATIONS_UNSEEN == 0)
 
 
 def half_with_all_unconverged(flags: Bool[Array, " batch"]) -> ContactIndices | None:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, array_namespace_of, expand_over_grid
 
@@ -21,6 +22,7 @@ class InvalidPose(InputError):
     """Raised for a pose that is not finite, or that would put the object through the gel."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Pose:
     """The position of the object's origin in mm and its rotation in rad.
@@ -67,6 +69,7 @@ class Pose:
         """Whether the object is not tilted; for a batch, whether no object is."""
         return not (np.any(self.tilt_x_rad) or np.any(self.tilt_y_rad))
 
+    @checks_arguments
     def interpolate(self, other: "Pose", part: float) -> "Pose":
         """Return the pose at this part, 0 to 1, of the way to another pose."""
         pairs = ((name.name, getattr(self, name.name), getattr(other, name.name)) for name in fields(self))
@@ -88,6 +91,7 @@ class Pose:
         return Pose(*numbers) if origin_mm.ndim > 1 else Pose(*map(float, numbers))
 
     @staticmethod
+    @checks_arguments
     def stack(poses: Sequence["Pose"]) -> "Pose":
         """Return single poses as one batch."""
         return Pose(*np.array([[getattr(pose, field.name) for field in fields(Pose)] for pose in poses], float).T)

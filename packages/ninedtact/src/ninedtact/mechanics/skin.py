@@ -196,7 +196,6 @@ class DisplacementOperators:
         return product
 
     def _to_waves(self, field: Any) -> Any:
-        """Return the zero-padded transform of a field."""
         return forward_transform(field, self.shape)
 
     def _to_space(self, wave: Any) -> Any:
@@ -264,7 +263,6 @@ class Skin:
 
     @cached_property
     def _compliance(self) -> Compliance:
-        """The compliance at every wave of the grid."""
         return self.compliance_of(np.hypot(*self.grid.wave_vectors), self.gel)
 
     @cached_property
@@ -338,7 +336,6 @@ class Skin:
     def _operators_from_symbols(
         self, symbols: dict[str, Array], shape: tuple[int, int], field_shape: tuple[int, int]
     ) -> DisplacementOperators:
-        """Return operators with these symbols in the arrays of this skin."""
         part = {name: self.asarray(symbol) + 0j for name, symbol in symbols.items()}
         stack = array_namespace_of(part["normal"]).stack
         bulge, diagonal = 1j * stack((part["bulge_x"], part["bulge_y"])), stack((part["xx"], part["yy"]))

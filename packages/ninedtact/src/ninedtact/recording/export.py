@@ -13,8 +13,9 @@ from ninedtact.atomic_write import create_folder_atomically, write_file_atomical
 from ninedtact.capture.strict_image_reading import encode_png
 from ninedtact.csv_table import to_csv
 from ninedtact.errors import OutputError
+from ninedtact.recording.attached_sensor import SENSOR_FOLDER
 from ninedtact.recording.errors import RecordingUnreadable
-from ninedtact.recording.reader import SENSOR_FOLDER, Recording
+from ninedtact.recording.reader import Recording
 from ninedtact.recording.topics_and_messages import Topic, decode_reference_grey
 
 WRENCH_COLUMNS = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")

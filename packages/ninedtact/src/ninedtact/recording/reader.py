@@ -3,11 +3,10 @@
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from functools import cached_property
-from itertools import islice
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,10 +15,12 @@ from jaxtyping import Float32, Int64, UInt8
 from mcap.records import Message
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate
 from ninedtact.reading import Reading, read_frame
+from ninedtact.recording.attached_sensor import attached_sensor_files, read_folder_files
 from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.mcap_file import McapFile, is_being_written
 from ninedtact.recording.metadata import HEIGHT_STEP_16_BIT_MM, REPAIR_RECORD, choose_sensor_metadata
@@ -49,8 +50,6 @@ if TYPE_CHECKING:
     from ninedtact.calibration.sensor_folder import SensorFolder
 
 Decoded = TypeVar("Decoded")
-SENSOR_FOLDER, SEVERAL_FOLDERS = "sensor", "sensors"
-"""First part of the names of the attachments that hold the sensor folder; among several sensors, their name is the second."""
 SPANS_ATTACHMENT = "spans.json"
 """Name of the attached list of labelled spans that were edited after the recording; the last one counts."""
 
@@ -59,6 +58,7 @@ class RecordingCutShort(SourceIncomplete):
     """Raised, once, after the last image of a recording that has no end; what followed is missing."""
 
 
+@checks_arguments
 class Recording:
     """One recording, open for reading (`with`). One thread at a time.
 
@@ -240,17 +240,11 @@ class Recording:
         reference images nor ten frames.
         """
         from ninedtact.calibration.drift.reference_check import load_reference_image_checker
-        from ninedtact.calibration.sensor_folder import load_sensor
 
-        with TemporaryDirectory(prefix="ninedtact_") as folder:
-            sensor = load_sensor(self.save_sensor_folder(Path(folder) / "sensor"))
-            find_faults = load_reference_image_checker(sensor).find_faults
-            references = RecordedReferences(self, sensor.shape, find_faults)
-            first = references.depth_reader_of_first_images() if references.topic is None else None
+        with self.unpacked_sensor() as sensor:
+            references = RecordedReferences(self, sensor.shape, load_reference_image_checker(sensor).find_faults)
             for frame in self.frames():
-                depth_reader = first or references.depth_reader_at(frame.stamp_ns)
-                assert depth_reader is not None
-                yield read_frame(frame, sensor.shape, depth_reader)
+                yield read_frame(frame, sensor.shape, references.held_or_first_at(frame.stamp_ns))
 
     def wrench(self, position: np.void) -> Wrench:
         """Return one wrench about the skin centre."""
@@ -340,19 +334,22 @@ class Recording:
             path.write_bytes(content)
         return into
 
-    def sensor_files(self) -> dict[str, bytes]:
-        """Return the content of the attached sensor folder's files by their paths in it.
+    @contextmanager
+    def unpacked_sensor(self) -> Iterator["SensorFolder"]:
+        """Load the sensor folder, whose files are deleted at the end of the block.
 
-        Paths that lead elsewhere, or into a file, are skipped.
+        Raises what `save_sensor_folder` raises, and `SensorFolderDamaged`.
         """
+        from ninedtact.calibration.sensor_folder import load_sensor
+
+        with TemporaryDirectory(prefix="ninedtact_") as folder:
+            yield load_sensor(self.save_sensor_folder(Path(folder) / "sensor"))
+
+    def sensor_files(self) -> dict[str, bytes]:
+        """Return the content of the sensor folder's files, the given or the attached one, by their paths in it."""
         if self._sensor_folder is not None:
             return read_folder_files(self._sensor_folder)
-        folder, files = PurePosixPath(_attached_folder(self.metadata.name)).parts, {}
-        for attachment in self.file.attachments():
-            parts = PurePosixPath(attachment.name).parts
-            if parts[: len(folder)] == folder and _is_path_in_folder(parts[len(folder) :]):
-                files[PurePosixPath(*parts[len(folder) :])] = attachment.data
-        return {str(name): data for name, data in files.items() if files.keys().isdisjoint(name.parents)}
+        return attached_sensor_files(self.file.attachments(), self.metadata.name)
 
     @cached_property
     def calibration_checksum(self) -> str:
@@ -441,9 +438,8 @@ class RecordedReferences:
         self.recording, self._shape = recording, shape
         self._find_faults, self._rectified_faults = find_faults, rectified_faults
         kinds = (Topic.REFERENCE_GREY, Topic.REFERENCE)
-        self.topic = next((topic for topic in kinds if len(recording.positions(topic))), None)
-        """The topic of the reference images; None where the recording has none."""
-        self._positions = recording.positions(self.topic or Topic.REFERENCE)
+        self._topic = next((topic for topic in kinds if len(recording.positions(topic))), None)
+        self._positions = recording.positions(self._topic or Topic.REFERENCE)
         self._last: tuple[int, DepthReader] | None = None
 
     def depth_reader_at(self, stamp_ns: int) -> DepthReader | None:
@@ -451,26 +447,34 @@ class RecordedReferences:
 
         Raises what reading a recording raises, and `RecordingUnreadable` where the image is not that of the sensor.
         """
-        if self.topic is None:
+        if self._topic is None:
             return None
         number = max(int(np.searchsorted(self._positions["stamp_ns"], stamp_ns, side="right")) - 1, 0)
         if self._last is None or self._last[0] != number:
             self._last = number, self._read(number)
         return self._last[1]
 
-    def depth_reader_of_first_images(self) -> DepthReader:
-        """Return a depth reader for the first ten images; raises `InputError` where there are fewer."""
-        frames = list(islice(self.recording.frames(), REFERENCE_FRAMES))
-        if len(frames) < REFERENCE_FRAMES:
+    def held_or_first_at(self, stamp_ns: int, fewest: int = REFERENCE_FRAMES) -> DepthReader:
+        """Return a depth reader for the reference image that held at a stamp, or for the first ten images of one without any.
+
+        Raises what `depth_reader_at` raises, and `InputError` where the recording has neither, nor the fewest images to begin with.
+        """
+        if self._topic is None and len(self.recording.positions(Topic.IMAGES)) < fewest:
             raise InputError(
                 expected=(
-                    f"reference images in {self.recording.path}, or at least {REFERENCE_FRAMES} images of which the "
+                    f"reference images in {self.recording.path}, or at least {fewest} images of which the "
                     "first are taken as such"
                 ),
-                got=f"{len(frames)} images alone",
+                got=f"{len(self.recording.positions(Topic.IMAGES))} images alone",
                 remedy="record longer",
             )
-        return self._shape.depth_reader(*frames, find_faults=self._find_faults)
+        return self.depth_reader_at(stamp_ns) or self._reader_of_first_images
+
+    @cached_property
+    def _reader_of_first_images(self) -> DepthReader:
+        positions = self.recording.positions(Topic.IMAGES)
+        first = positions[np.argsort(positions["stamp_ns"], kind="stable")[:REFERENCE_FRAMES]]
+        return self._shape.depth_reader(*map(self.recording.frame, first), find_faults=self._find_faults)
 
     def _frames_at(self, number: int) -> list[Frame]:
         frames = {number: self.recording.frame(self._positions[number])}
@@ -483,7 +487,7 @@ class RecordedReferences:
         return [frames[other] for other in sorted(frames)]
 
     def _read(self, number: int) -> DepthReader:
-        if self.topic is not Topic.REFERENCE_GREY:
+        if self._topic is not Topic.REFERENCE_GREY:
             return self._shape.depth_reader(*self._frames_at(number), find_faults=self._find_faults)
         message, wanted = self.recording.file.message(self._positions[number]), self._shape.rectify.height_source.shape
         grey = self.recording.decode(message, decode_reference_grey)
@@ -495,27 +499,6 @@ class RecordedReferences:
             )
         reference = Rectified(grey, self._shape.rectify.mm_per_px, message.log_time)
         return self._shape.reader_against(reference, self._rectified_faults)
-
-
-def sensor_folder_attachments(folder: Path, name: str = "") -> dict[str, bytes]:
-    """Return the content of the files of a sensor folder by the names that they have in a recording.
-
-    name: of the sensor among several.
-    """
-    return {f"{_attached_folder(name)}/{file}": content for file, content in read_folder_files(folder).items()}
-
-
-def _is_path_in_folder(parts: tuple[str, ...]) -> bool:
-    """Return whether parts of a path name a file in a folder on every system."""
-    names = (
-        name != ".." and len(name.encode()) <= 255 and not re.search(r'[\x00-\x1f\x7f<>:"|?*\\]', name)
-        for name in parts
-    )
-    return 0 < len(parts) <= 8 and all(names)
-
-
-def _attached_folder(name: str) -> str:
-    return f"{SEVERAL_FOLDERS}/{name}" if name else SENSOR_FOLDER
 
 
 def recorded_sensor_addresses(path: Path | str) -> list[str]:
@@ -535,15 +518,3 @@ def _split_address(text: str) -> tuple[Path, str]:
     """Return the path of a recording and the name of one of its sensors, which is empty where none is named."""
     match = None if Path(text).exists() else re.fullmatch(r"(.*)#(\w+)", text, re.DOTALL)
     return (Path(text), "") if match is None else (Path(match[1]), match[2])
-
-
-def read_folder_files(folder: Path) -> dict[str, bytes]:
-    """Return the content of all files of a folder by their paths in it."""
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
-
-
-def extract_sensor_folder(recording: Path | str, into: Path) -> Path:
-    """Write the sensor folder that a recording carries; raises `RecordingUnreadable` where it carries none."""
-    with Recording(recording) as opened:
-        return opened.save_sensor_folder(into)

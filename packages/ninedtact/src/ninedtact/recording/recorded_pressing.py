@@ -2,7 +2,6 @@
 
 from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from ninedtact.calibration.free_pressing.pressing import (
     FreePressing,
     find_stuck_samples,
 )
-from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
+from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.force_torque.wrench_source_from_address import DeviceFrameWrenchSource
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.design import ForceTorqueMount
@@ -23,7 +22,6 @@ from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import RecordedReferences, Recording
 from ninedtact.recording.recorded_source import RecordedWrenchSource
 from ninedtact.recording.topics_and_messages import Topic
-from ninedtact.shape.calibrated_shape import DepthReader
 
 _MOST_IMAGES, _MOST_IMAGES_PER_S = 400, 6.0
 """Images that are estimated: enough for each contact, few enough for half a minute."""
@@ -52,7 +50,7 @@ class RecordedPressing(FreePressing):
             self.stamps_ns = np.asarray(self._positions["stamp_ns"], np.int64)
             self.mount = self._recorded_mount(sensor)
             self.samples, self.notices = self._read_samples()
-            self._references: tuple[SensorFolder, RecordedReferences, DepthReader | None] | None = None
+            self._references: tuple[SensorFolder, RecordedReferences] | None = None
             self.read(0, sensor)
         except BaseException:
             self.close()
@@ -63,12 +61,8 @@ class RecordedPressing(FreePressing):
         frame = self._recording.frame(self._positions[number])
         if self._references is None or self._references[0] is not sensor:
             check = load_reference_image_checker(sensor)
-            references = RecordedReferences(self._recording, sensor.shape, check.find_faults)
-            first = references.depth_reader_of_first_images() if references.topic is None else None
-            self._references = sensor, references, first
-        _, references, first = self._references
-        depth_reader = first or references.depth_reader_at(frame.stamp_ns)
-        assert depth_reader is not None
+            self._references = sensor, RecordedReferences(self._recording, sensor.shape, check.find_faults)
+        depth_reader = self._references[1].held_or_first_at(frame.stamp_ns)
         if depth_reader.reference_faults:
             images = f"the reference images of {self.name}"
             raise reference_image_error(images, sensor.id, depth_reader.reference_faults[0])
@@ -104,8 +98,8 @@ class RecordedPressing(FreePressing):
         """Return where the device was when the recording was made, by the sensor folder in it."""
         if not self._recording.sensor_files():
             return sensor.record.design.force_torque
-        with TemporaryDirectory(prefix="ninedtact_") as folder:
-            return load_sensor(self._recording.save_sensor_folder(Path(folder) / "sensor")).record.design.force_torque
+        with self._recording.unpacked_sensor() as recorded:
+            return recorded.record.design.force_torque
 
     def _read_samples(self) -> tuple[ForceTorqueSamples, tuple[str, ...]]:
         """Return all samples in the frame of the device, and what is wrong with them; raises `PressingUnusable`."""

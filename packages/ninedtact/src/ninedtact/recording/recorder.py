@@ -8,21 +8,25 @@ from functools import partial
 from pathlib import Path
 from threading import Event
 from time import monotonic, monotonic_ns
-from typing import Any
+from typing import Annotated, Any
 
+from msgspec import Meta
+
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.calibration.drift.reference_check import load_reference_image_checker
 from ninedtact.calibration.sensor_folder import SensorFolder
 from ninedtact.capture.frame_pacing import DelayCorrectedSource
-from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete, require_frame_source
+from ninedtact.capture.frame_source import FrameSource, SourceEnded, SourceIncomplete
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.errors import InputError, NinedtactError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator
 from ninedtact.quantities import Frame, Wrench
 from ninedtact.reading import read_frame
+from ninedtact.recording.attached_sensor import sensor_folder_attachments
 from ninedtact.recording.background_reader import STALL_S, BackgroundReader
 from ninedtact.recording.errors import RecordingStopped
 from ninedtact.recording.metadata import ImageStorage, RecordingMetadata
-from ninedtact.recording.reader import Recording, recorded_sensor_addresses, sensor_folder_attachments
+from ninedtact.recording.reader import Recording, recorded_sensor_addresses
 from ninedtact.recording.topics_and_messages import ESTIMATE_TOPICS, RecordingEvent, RecordingEventKind, Topic
 from ninedtact.recording.writer import RecordingWriter
 from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader, FindReferenceFaults
@@ -33,17 +37,18 @@ _BUFFERED_SAMPLES = 100_000
 _WAIT_S = 0.05
 
 
+@checks_arguments
 def record(
     source: FrameSource,
     out: Path | str,
     sensor: SensorFolder,
     force_torque: WrenchSource | None = None,
-    seconds: float | None = None,
+    seconds: Annotated[float, Meta(gt=0)] | None = None,
     heights: bool = False,
     estimator: ForceEstimator = NoForceEstimator(),
     settings: str = "{}",
     images: ImageStorage = "zstd",
-    height_step_mm: float = 0.0,
+    height_step_mm: Annotated[float, Meta(ge=0)] = 0.0,
     camera_delay_ms: float = 0.0,
     should_stop: Callable[[], bool] = lambda: False,
     notify: Callable[[str], None] = lambda sentence: None,
@@ -85,6 +90,7 @@ def record(
     return writers[""]
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SensorToRecord:
     """A sensor with what is recorded of it."""
@@ -165,7 +171,6 @@ def _new_recorder(
     notify: Callable[[str], None],
     beside: RecordingWriter | None = None,
 ) -> "Recorder":
-    require_frame_source(part.source)
     sensor, force_torque, estimates = part.sensor, part.force_torque, None
     if heights or not isinstance(part.estimator, NoForceEstimator):
         find_faults = load_reference_image_checker(sensor).find_faults

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.quantities import HeightMap, HeightSource
 from ninedtact.shape.surface import (
     ContactRule,
@@ -188,6 +189,7 @@ UNSEEN: dict[str, Any] = {"facecolor": OUT_OF_VIEW, "hatch": "////", "edgecolor"
 BEYOND: dict[str, Any] = {"facecolor": "none", "hatch": "..", "edgecolor": EXTRAPOLATED}
 
 
+@checks_arguments
 def draw_height_map_figure(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """Return a PNG with the height map as the camera sees it, axes and heights in mm, and contour lines inside the contact."""
     scale = fit_colour_scale(height)
@@ -282,6 +284,7 @@ SMOOTHING_PX = 2.0
 """Standard deviation of the Gaussian on the heights that are shaded; grazing light would otherwise amplify noise."""
 
 
+@checks_arguments
 def render_relief(height: HeightMap, title: str = "Height of the skin") -> bytes:
     """Return a PNG with the skin in colours of height, shaded as if lit from the upper left; axes and heights are in mm."""
     scale = fit_colour_scale(height)

@@ -13,15 +13,16 @@ import zlib
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from jaxtyping import Float32, Int32, UInt16
+from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import read_regular_file
+from ninedtact.bounds_and_checked_reading import checks_arguments, read_regular_file
 from ninedtact.errors import FileFormatError, InputError, OutputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud
 from ninedtact.shape.surface import point_cloud, require_mesh_spacing, surface_mesh, triangulate_view
@@ -60,6 +61,7 @@ def heights_to_grey_levels(height: HeightMap) -> UInt16[Array, "rows cols"]:
     return np.where(height.in_view, np.rint(z_mm * LEVELS_PER_MM) + ZERO_LEVEL, OUT_OF_VIEW_LEVEL).astype(np.uint16)
 
 
+@checks_arguments
 def read_height_png(path: Path | str) -> HeightMap:
     """Read back what `encode_height_png` encoded; raises `FileFormatError`."""
     try:
@@ -109,7 +111,8 @@ PLY_FACE = np.dtype([("corners", "u1"), ("faces", "<i4", 3)])
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def export_shape(height: HeightMap, path: Path | str, every: int = 1) -> None:
+@checks_arguments
+def export_shape(height: HeightMap, path: Path | str, every: Annotated[int, Meta(ge=1)] = 1) -> None:
     """Write `height` in the format given by the extension of `path`: .npy, .png (16 bit), .ply, .stl or .obj.
 
     `every` = 3 keeps each third row and column of a mesh. Raises `InputError`, `FileNotWritten`, and `InputError` where

@@ -273,7 +273,6 @@ class Rectification:
 
     def __call__(self, frame: Frame) -> Rectified:
         """Rectify one frame; raises `FileFormatError`."""
-        _require_bgr(frame.image)
         self.require_size(frame.image)
         grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
         return Rectified(self.resample(grey), self.mm_per_px, frame.stamp_ns)
@@ -313,16 +312,6 @@ class Rectification:
         left, right, top, bottom = self.calibrated_area_mm
         inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
         return np.where(inside, HeightSource.MEASURED, HeightSource.EXTRAPOLATED).astype(np.uint8)
-
-
-def _require_bgr(image: Array) -> None:
-    """Refuse an image that is not a BGR image of 8 bits: heights of other grey levels would be wrong."""
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise FileFormatError(
-            expected="BGR images of 8 bits (uint8, rows x cols x 3)",
-            got=f"{image.dtype} of shape {image.shape}",
-            remedy="convert them, a grey one with cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)",
-        )
 
 
 def rectification_of_projection(

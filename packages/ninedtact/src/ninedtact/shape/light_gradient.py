@@ -124,8 +124,9 @@ def find_light_gradient(ratio: Cells, reference: Cells, seen: CellMask, cell_mm:
 
 def _find_known_gradient(logarithm: Cells, seen: CellMask, cell_mm: float) -> tuple[LightGradient | None, CellMask]:
     """Return the gradient of the highest order that undisplaced skin determines, and this skin; None if it explains no skin."""
+    slopes = _slopes(logarithm)
     for order in (_SECOND_ORDER, _LINEAR):
-        found, skin = _search_gradient(logarithm, seen, cell_mm, order)
+        found, skin = _search_gradient(logarithm, slopes, seen, cell_mm, order)
         share = skin.sum() / seen.sum()
         if share > _UNTOUCHED_SHARE:
             order = replace(order, min_amplitude=_MIN_AMPLITUDE_UNTOUCHED, max_remainder=_MAX_REMAINDER_UNTOUCHED)
@@ -163,11 +164,10 @@ def _spread_without_gamma(logarithm: Cells, structure: Cells, skin: CellMask) ->
 
 
 def _search_gradient(
-    logarithm: Cells, seen: CellMask, cell_mm: float, order: _Order
+    logarithm: Cells, slopes: Cells, seen: CellMask, cell_mm: float, order: _Order
 ) -> tuple[LightGradient | None, CellMask]:
     """Return the gradient of undisplaced skin, and this skin, found in alternation."""
     found, flat_per_cell = None, _FLAT_PER_MM * cell_mm
-    slopes = _slopes(logarithm)
     limit = 2 * max(flat_per_cell, float(np.median(slopes)))
     for _ in range(_SEARCHES):
         skin = _undisplaced_skin(slopes < limit, seen, cell_mm, order.reach_mm)

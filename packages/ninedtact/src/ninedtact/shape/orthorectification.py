@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.quantities import HeightMap, HeightSource, skin_grid_mm
 
 Grid = Float32[Array, "rows cols"]
@@ -37,6 +38,7 @@ class SkinGrid:
     mm_per_px: float
 
 
+@checks_arguments
 def orthorectify(height: HeightMap) -> HeightMap:
     """Return the same skin with the height at each pixel's own (x, y), as a camera at infinite distance would see it.
 

@@ -11,13 +11,16 @@ The measures are the maximum indentation and bulge, contact area, displaced volu
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Annotated
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
+from msgspec import Meta
 from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud, skin_grid_mm
 from ninedtact.shape.deblurring import block_means
@@ -30,14 +33,13 @@ _ROW_WEIGHTS = np.array([[1], [2], [1]], np.float32)
 _NEIGHBOURHOOD = np.ones((3, 3), np.uint8)
 
 
-def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
+@checks_arguments
+def point_cloud(height: HeightMap, every: Annotated[int, Meta(ge=1)] = 1) -> PointCloud:
     """Return all points in view, row by row, in the sensor frame (mm), with outward unit normals.
 
     `every` = 3 keeps each third row and column, for display; the normals are still those of the full grid.
     Raises `InputError` where it is below 1.
     """
-    if every < 1:
-        raise InputError(f"expected every={every} to be at least 1, which keeps all rows and columns; correct it")
     u, v = _plane_coordinates_mm(height.z_mm.shape, height.mm_per_px, every)
     slope_x, slope_y = (_thin(slope, every) for slope in surface_slope(height))
     scale = sightline_scale(height, every)
@@ -48,7 +50,8 @@ def point_cloud(height: HeightMap, every: int = 1) -> PointCloud:
     )
 
 
-def surface_mesh(height: HeightMap, every: int = 1) -> Mesh:
+@checks_arguments
+def surface_mesh(height: HeightMap, every: Annotated[int, Meta(ge=1)] = 1) -> Mesh:
     """Return the open surface: two triangles per square of pixels wholly in view; vertex k is point k of `point_cloud(height,
     every)`. Raises `InputError`, also where fewer than two rows or columns are kept."""
     require_mesh_spacing(height, every)
@@ -250,6 +253,7 @@ class ShapeSummary:
         )
 
 
+@checks_arguments
 def summarise_shape(
     height: HeightMap, rule: ContactRule = ContactRule(), touched: Bool[Array, "rows cols"] | None = None
 ) -> ShapeSummary:

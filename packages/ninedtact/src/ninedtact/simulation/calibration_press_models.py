@@ -322,6 +322,5 @@ def pin_board_indenter(board: PinBoard) -> HeightGridIndenter:
 def _distance_to_nearest_pin_mm(
     position_mm: Float[Array, "rows cols"], pins: int, pitch_mm: float
 ) -> Float[Array, "rows cols"]:
-    """Return the distance from the nearest pin along one axis."""
     index = np.clip(np.rint(position_mm / pitch_mm + (pins - 1) / 2), 0, pins - 1)
     return np.abs(position_mm - (index - (pins - 1) / 2) * pitch_mm)

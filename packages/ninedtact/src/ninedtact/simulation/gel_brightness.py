@@ -164,7 +164,6 @@ def _squared_image_radius(shape: tuple[int, int]) -> Float[Array, "rows cols"]:
 def _smooth_random_field(
     shape: tuple[int, int], strength: float, rng: np.random.Generator
 ) -> Float[Array, "rows cols"]:
-    """Return a smooth random field with this standard deviation."""
     coarse = rng.normal(size=tuple(int(side / WAVE_PX) + 3 for side in shape))
     field = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
     return np.asarray(field * (strength / field.std()))

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_result import Contact
@@ -91,6 +92,7 @@ KEPT_PRESSES, KEPT_WRENCHES = 48, 1024
 """Number of the newest steps that are stored."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class ObjectTrajectory:
     """An object and the trajectory that it follows."""
@@ -99,6 +101,7 @@ class ObjectTrajectory:
     trajectory: Trajectory
 
 
+@checks_arguments
 @dataclass
 class PressSequence:
     """A twin on which trajectories follow each other, round after round, solved step by step when a step is needed.
@@ -188,7 +191,6 @@ class PressSequence:
             return self.presses[self._nearest(number)]
 
     def _nearest(self, number: int) -> int:
-        """Return the stored step that is nearest to this one."""
         return min(self.presses, key=lambda step: abs(step - number))
 
     def wrench_six_at(self, at_s: float) -> Float64[Array, "6"]:
@@ -250,7 +252,6 @@ class PressSequence:
         return int(rounds) * len(self.trajectories) + index, within_s - (self.ends_s[index - 1] if index else 0.0)
 
     def _step_expired(self, step: int, oldest: int) -> SimulationError:
-        """Return the error for a step that is no longer stored."""
         return SimulationError(
             expected=f"a step of the simulation from {oldest} on",
             got=f"{step}, which is no longer stored",

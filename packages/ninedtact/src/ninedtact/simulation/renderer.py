@@ -171,7 +171,6 @@ class BatchRenderer:
         return self._field_at(contacts, contacts.thickness_change_mm, x * stretch, y * stretch)
 
     def _field_at(self, contacts: Contact, field: ScalarField, x_mm: _Sampled, y_mm: _Sampled) -> _Sampled:
-        """Return a field of the skin at positions on the sensor."""
         grid = contacts.skin.grid
         cols, rows = (
             (position - expand_over_grid(middle, position)) / grid.pitch_mm + (points - 1) / 2

@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import radians
 from threading import Lock
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 from numpy import ndarray as Array
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.design import ForceTorqueMount
@@ -24,16 +27,43 @@ from ninedtact.simulation.twin import Twin
 
 
 @dataclass
-class SimulatedCamera(FrameSource):
+class _SimulatedSource:
+    """A source that joins a simulation when it is opened and leaves it when it is closed."""
+
+    simulation: PressSequence
+    is_open: bool = field(default=False, init=False)
+    lock: Lock = field(default_factory=Lock, init=False, repr=False)
+    """Guards opening, reading and closing."""
+    timer: SampleTimer = field(init=False, repr=False)
+
+    def open(self) -> None:
+        """Start the simulation, or join it."""
+        with self.lock:
+            if not self.is_open:
+                self.simulation.join()
+                self.timer.restart()
+                self.is_open = True
+                self._begin()
+
+    def _begin(self) -> None:
+        """Forget what a source remembers of an earlier opening."""
+
+    def close(self) -> None:
+        """Leave the simulation; does nothing where the source is closed."""
+        with self.lock:
+            if self.is_open:
+                self.simulation.clock.leave()
+                self.is_open = False
+
+
+@checks_arguments
+@dataclass
+class SimulatedCamera(_SimulatedSource, FrameSource):
     """A frame source of rendered images, one per step of a simulation; it ends after the last round, if there is one."""
 
     is_simulated = True
-    simulation: PressSequence
-    is_open: bool = field(default=False, init=False)
     first: int = field(default=-1, init=False)
     """Step number of the first image."""
-    lock: Lock = field(default_factory=Lock, init=False, repr=False)
-    """Guards opening, reading and closing."""
 
     def __post_init__(self) -> None:
         self.name = f"twin {self.simulation.twin.name}"
@@ -44,13 +74,8 @@ class SimulatedCamera(FrameSource):
         """The reference images (no contact) of the twin."""
         return simulate_reference_frames(self.simulation.twin)
 
-    def open(self) -> None:
-        """Start the simulation, or join it."""
-        with self.lock:
-            if not self.is_open:
-                self.simulation.join()
-                self.timer.restart()
-                self.first, self.is_open = -1, True
+    def _begin(self) -> None:
+        self.first = -1
 
     def read(self) -> Frame:
         """Wait for the next image; raises `SourceEnded` after the last round."""
@@ -63,16 +88,7 @@ class SimulatedCamera(FrameSource):
             image = self.simulation.twin.renderer(self.simulation.contact(number), number)
             return Frame(image, stamp_ns, number - self.first)
 
-    def close(self) -> None:
-        """Leave the simulation; does nothing where the source is closed."""
-        with self.lock:
-            if self.is_open:
-                self.simulation.clock.leave()
-                self.is_open = False
 
-
-FORCE_TORQUE_BELOW_SKIN_MM = -ForceTorqueMount().origin_mm[2]
-"""Distance of the force/torque sensor's origin below the skin in the paper."""
 SixComponents = tuple[float, float, float, float, float, float]
 """F_x, F_y, F_z in N and T_x, T_y, T_z in N·m."""
 NO_OFFSET: SixComponents = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -92,32 +108,23 @@ NO_FORCE_TORQUE_ERRORS = ForceTorqueSensorNoise(NO_OFFSET, NO_OFFSET)
 """An exact force/torque sensor."""
 
 
+@checks_arguments
 @dataclass
-class SimulatedForceTorque(WrenchSource):
+class SimulatedForceTorque(_SimulatedSource, WrenchSource):
     """A source of the true wrench on the skin with noise and offset, at its own rate; the torque is about the sensor's origin."""
 
-    simulation: PressSequence
-    hz: float = 500.0
+    hz: Annotated[float, Meta(gt=0, le=1e6)] = 500.0
     errors: ForceTorqueSensorNoise = ForceTorqueSensorNoise()
-    about_mm: tuple[float, float, float] = (0.0, 0.0, -FORCE_TORQUE_BELOW_SKIN_MM)
-    seed: int = 0
-    is_open: bool = field(default=False, init=False)
-    lock: Lock = field(default_factory=Lock, init=False, repr=False)
-    """Guards opening, reading and closing."""
+    about_mm: tuple[float, float, float] = ForceTorqueMount().origin_mm
+    """The sensor's origin, by default that of the paper."""
+    seed: Annotated[int, Meta(ge=0)] = 0
 
     def __post_init__(self) -> None:
         self.name = f"force/torque sensor under twin {self.simulation.twin.name}"
         self.timer = SampleTimer(self.simulation.clock, self.hz)
-        self.rng = np.random.default_rng(self.seed)
 
-    def open(self) -> None:
-        """Start the simulation, or join it."""
-        with self.lock:
-            if not self.is_open:
-                self.simulation.join()
-                self.timer.restart()
-                self.rng = np.random.default_rng(self.seed)
-                self.is_open = True
+    def _begin(self) -> None:
+        self.rng = np.random.default_rng(self.seed)
 
     def read(self) -> Wrench:
         """Wait for the next sample; raises `SourceEnded` after the last round."""
@@ -132,13 +139,6 @@ class SimulatedForceTorque(WrenchSource):
             return _wrench_from_six(
                 true.six + self.errors.bias + self.rng.normal(0, self.errors.noise), stamp_ns, true.about_mm
             )
-
-    def close(self) -> None:
-        """Leave the simulation; does nothing where the source is closed."""
-        with self.lock:
-            if self.is_open:
-                self.simulation.clock.leave()
-                self.is_open = False
 
 
 def _wrench_from_six(six: Array, stamp_ns: int, about_mm: Array | None = None) -> Wrench:

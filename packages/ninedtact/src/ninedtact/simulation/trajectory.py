@@ -7,9 +7,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.mechanics.contact_result import Contact
@@ -60,33 +63,27 @@ class Trajectory:
             return self.segments[-1].to
         segment, before = self.segments[number], self.segments[number - 1].to if number else self.start
         part = 1 - (self.ends_s[number] - at_s) / segment.seconds
-        return before.interpolate(segment.to, _smoothstep(part))
-
-
-def _smoothstep(part: float) -> float:
-    """Return 3t² − 2t³, which starts and stops with zero slope."""
-    return part * part * (3 - 2 * part)
+        return before.interpolate(segment.to, part * part * (3 - 2 * part))  # starts and stops with zero slope
 
 
 HOVER_MM = 0.5
 """Height above the skin at which an object waits."""
 
 
+@checks_arguments
 def press_trajectory(
     at: Pose,
     drag_mm: tuple[float, float] = (0.0, 0.0),
     twist_rad: float = 0.0,
     tilt_rad: tuple[float, float] = (0.0, 0.0),
-    pause_s: float = 0.4,
-    speed: float = 1.0,
+    pause_s: Annotated[float, Meta(gt=0, le=1000)] = 0.4,
+    speed: Annotated[float, Meta(gt=0, le=1000)] = 1.0,
 ) -> Trajectory:
     """Return a trajectory that comes down, presses to the depth of a pose, drags, twists, tilts and lifts.
 
     at: pose of the press. drag_mm: (x, y). tilt_rad: about x and y. speed: 1 is about 1.5 mm/s, as a calm hand presses.
     Raises `InputError` for a speed or a pause that is not above zero.
     """
-    if not 0 < speed < np.inf:
-        raise InputError(expected="a speed of the hand above zero", got=f"{speed:g}", remedy="1 is that of a calm hand")
     above = replace(at, depth_mm=-HOVER_MM)
     dragged = replace(at, x_mm=at.x_mm + drag_mm[0], y_mm=at.y_mm + drag_mm[1])
     twisted = replace(dragged, twist_rad=at.twist_rad + twist_rad)
@@ -121,6 +118,7 @@ DOWN_MM, ALONG_MM, ROUND_RAD = 0.5, 0.3, np.radians(4.0)
 PRESS_SOLVER_SETTINGS = SolverSettings(tolerance=2e-3)
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class ScriptedPress:
     """A press to a depth or to a load at a position, followed by a drag and a twist at that depth or load."""
@@ -159,6 +157,7 @@ class ScriptedPress:
         if dragged != pressed:
             yield from (pressed.interpolate(dragged, number / many) for number in range(1, many + 1))
 
+    @checks_arguments
     def simulate(
         self, twin: Twin, indenter: Indenter, solver_settings: SolverSettings | None = PRESS_SOLVER_SETTINGS
     ) -> Contact:

@@ -11,11 +11,13 @@ image. The exposure is assumed to be set so that the reference image keeps its b
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 from zlib import crc32
 
 import numpy as np
+from msgspec import Meta
 
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, Gel, SensorDesign
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings
@@ -28,7 +30,6 @@ from ninedtact.mechanics.relaxation import GelMemory
 from ninedtact.mechanics.skin import Skin, padded_grid
 from ninedtact.simulation.gel_brightness import (
     PUBLISHED_DESIGN,
-    BrightnessModel,
     brightness_model_for_design,
     synthetic_reference_image,
 )
@@ -57,6 +58,7 @@ LOAD_ROUNDS = 4
 """Largest number of contacts that are solved to find a load."""
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class Twin:
     """Everything needed to press a simulated sensor and to render its images."""
@@ -64,8 +66,8 @@ class Twin:
     name: str
     gel: Gel
     renderer: Renderer
-    friction: float = 1.0
-    pitch_mm: float = PITCH_MM
+    friction: Annotated[float, Meta(ge=0)] = 1.0
+    pitch_mm: Annotated[float, Meta(gt=0)] = PITCH_MM
     area_mm: tuple[float, float] = (24.0, 18.0)
     solver_settings: SolverSettings = field(default_factory=lambda: LIVE_SOLVER_SETTINGS)
     gel_mm: tuple[float, float] = (29.5, 22.5)
@@ -80,6 +82,7 @@ class Twin:
         skin = Skin(patch, self.gel, self.like)
         return ContactModel(skin, self.friction, self.solver_settings)
 
+    @checks_arguments
     def with_noise_of(self, name: str) -> "Twin":
         """Return the twin with the camera noise that belongs to a name, so that sensors seen together have noise of their own.
 
@@ -88,11 +91,13 @@ class Twin:
         noise = replace(self.renderer.noise, seed=crc32(name.encode()))
         return replace(self, renderer=replace(self.renderer, noise=noise))
 
+    @checks_arguments
     def hover(self, indenter: Indenter, pose: Pose) -> Press:
         """Return undeformed skin under an object at a pose that is above it."""
         contact = replace(self.model.initial_contact(), pose=pose)
         return Press(contact, contact, indenter)
 
+    @checks_arguments
     def press(
         self,
         last: Press | None,
@@ -101,7 +106,7 @@ class Twin:
         load_n: ScalarPerContact | None = None,
         *,
         is_linear_load: bool = False,
-        after_s: float = 0.0,
+        after_s: Annotated[float, Meta(ge=0)] = 0.0,
     ) -> Press:
         """Return the press after the object has moved to a pose, or to a load near that pose; this is the only way to press a twin.
 
@@ -202,7 +207,8 @@ class Twin:
         )
 
 
-def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
+@checks_arguments
+def default_twin(seed: Annotated[int, Meta(ge=0)] = 0, gel: Gel = Gel()) -> Twin:
     """Return the twin of the published design with an average brightness model and lens; the seed picks its reference image.
 
     >>> twin = ninedtact.default_twin()
@@ -210,13 +216,7 @@ def default_twin(seed: int = 0, gel: Gel = Gel()) -> Twin:
     >>> bool(contact.wrench().force_n[2] < -0.5), twin.renderer(contact).shape
     (True, (480, 640, 3))
     """
-    pixel_map = WideAngleLens().pixel_map()
-    reference, noise = (
-        synthetic_reference_image(pixel_map, seed=seed),
-        CameraNoise(shape=pixel_map.raw_shape, seed=seed),
-    )
-    renderer = Renderer(pixel_map, reference, BrightnessModel(), noise)
-    return Twin("default", gel, renderer)
+    return replace(twin_from_design(PUBLISHED_DESIGN, seed), gel=gel)
 
 
 AIR_MM, ACRYLIC_MM = 0.35, 2.0

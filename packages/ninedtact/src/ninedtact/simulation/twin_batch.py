@@ -199,7 +199,6 @@ class TwinBatch:
 
     @cached_property
     def _reference(self) -> 'Float[Tensor, "rows cols"]':
-        """The reference image (no contact), grey."""
         import torch
 
         grey = cv2.cvtColor(self._renderer.renderer.reference, cv2.COLOR_BGR2GRAY)
@@ -270,7 +269,6 @@ _FIELDS = ("pressure_mpa", "shear_mpa", "height_mm", "tangential_mm")
 
 
 def _slice(contacts: Contact, part: range) -> Contact:
-    """Return some consecutive contacts of a batch."""
     cut = slice(part.start, part.stop)
     pose = Pose(
         *(

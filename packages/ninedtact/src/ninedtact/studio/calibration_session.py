@@ -20,6 +20,7 @@ import numpy as np
 from ninedtact.calibration.brightness_change import require_same_image_size
 from ninedtact.calibration.guidance import (
     TOUCHED_LEVELS,
+    BoardPressWatcher,
     CaptureStep,
     ImageWatcher,
     PinSearchResult,
@@ -245,7 +246,8 @@ class CalibrationSession(GuidedSession[CalibrationState]):
             for earlier in taken.values():
                 require_same_image_size("image", earlier, image)
             progress = progress or _StepProgress(step, step.watch(taken))
-            pins, seen = self._count_pins(image, progress, taken), progress.watch(image)
+            pins = self._count_pins(image, progress, taken)
+            seen = progress.watch(image)
         except (NinedtactError, OSError) as refusal:
             self._set(advice=str(refusal))
             return
@@ -266,7 +268,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
 
         They are searched in a thread of their own, because a search takes up to seconds.
         """
-        if progress.step.name != "board":
+        if not isinstance(progress.watch, BoardPressWatcher):
             return None
         reference = taken["board_reference"]
         if peak_local_brightness_change(reference, image) < TOUCHED_LEVELS:
@@ -280,6 +282,7 @@ class CalibrationSession(GuidedSession[CalibrationState]):
             return None
         search, progress.search = progress.search, None  # also where it was refused: the next image is searched again
         pins, duration_s = search.result()
+        progress.watch.pins = pins  # so that its sentence says the same
         progress.searched_until_s = monotonic() + _PIN_COUNT_PAUSE * duration_s
         return pins
 

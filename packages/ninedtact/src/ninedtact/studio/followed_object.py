@@ -95,12 +95,13 @@ class ObjectFollower:
     _path: int = field(default=0, init=False, repr=False)
     """The path of the tracker that is followed; another object begins another one."""
 
-    def add(self, reading: Reading) -> None:
-        """Follow the object into the next reading; called in the sensor thread."""
+    def add(self, reading: Reading) -> Reading:
+        """Follow the object into the next reading, and return it with the torque that the object's turn shows; called in the
+        sensor thread."""
         if not self.is_wanted:
             self._tracker, self._found, self._last, self._recent = None, None, FollowedObject(), (FollowedObject(),)
             self._press = self._first_press = None
-            return
+            return reading
         self._tracker = self._tracker or ContactTracker()
         found = self._tracker.update(reading)
         if reading.image_warnings:  # the path goes on with the next image
@@ -109,6 +110,7 @@ class ObjectFollower:
             now = self._last = self._continue(found, self.press_at(reading.stamp_ns))
             self._found = found
         self._recent = (*self._recent[1 - _KEPT :], now)
+        return found.reading
 
     def at(self, stamp_ns: int) -> FollowedObject:
         """Return what was found in the reading of this stamp, or in the newest one."""

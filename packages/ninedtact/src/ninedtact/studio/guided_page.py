@@ -22,7 +22,7 @@ from ninedtact.simulation.calibration_camera import HeldCalibrationObject, Simul
 from ninedtact.source_addresses import is_twin_address
 from ninedtact.studio.guided_session import GuidedSession, GuidedState, ImageQuality
 from ninedtact.studio.page_cards import card_html
-from ninedtact.studio.page_server import PageServer, prepare_page
+from ninedtact.studio.page_server import PageServer, moment_mark, prepare_page
 from ninedtact.studio.scene_3d import LIGHT
 from ninedtact.studio.viewer import (
     NARROW_PX,
@@ -73,7 +73,7 @@ class GuidedPageLayout:
         self._server = server
         self._images: dict[int, GuiImageHandle] = {}
         """The image of each browser that is connected."""
-        self._canvas, self._drawn = LIGHT, (0, 0)
+        self._canvas, self._drawn, self._shown = LIGHT, (0, 0), 0
         gui = server.viser.gui
         server.viser.scene.set_background_image(LIGHT)
         gui.main_panel.dock_right()
@@ -104,7 +104,8 @@ class GuidedPageLayout:
             what = Instruction("No images arrive.", state.camera_trouble, "lost")
         elif state.is_preview:
             what = replace(what, sentence="Choose the camera of the sensor.")
-        self._steps.content = _TALL_PHONE_STYLE + card_html("steps", names=steps, done=done)
+        self._shown += 1
+        self._steps.content = _TALL_PHONE_STYLE + card_html("steps", names=steps, done=done) + moment_mark(self._shown)
         self._instruction.content = card_html("instruction", **vars(what))
         self._camera.show(state)
         drawn = id(state.image), id(pins)

@@ -68,8 +68,14 @@ def status_html(status: SensorStatusMessage) -> str:
     return card_html("status", sentence=status.sentence, tone=status.tone)
 
 
-def shape_summary_html(summary: ShapeSummary, is_past: bool, doubt: str = "") -> str:
-    """Return maximum indentation, contact area, contact centre and warnings as HTML. doubt: about where the object is."""
+def shape_summary_html(summary: ShapeSummary | None, is_past: bool, doubt: str = "") -> str:
+    """Return maximum indentation, contact area, contact centre and warnings as HTML; dashes before the first reading.
+
+    doubt: about where the object is.
+    """
+    if summary is None:
+        unknown = ("maximum indentation", "–", "mm"), ("contact area", "–", "mm²")
+        return card_html("shape_summary", measures=unknown, where="", warning="", is_past=is_past)
     centre = summary.contact_centre_mm
     place = centre and "centre at x {:z.1f}, y {:z.1f} mm".format(*centre).replace("-", "\N{MINUS SIGN}")
     measures = (
@@ -179,11 +185,6 @@ def wrench_meaning_html(moments: Sequence[WrenchSourceSnapshot], has_curves: boo
     parts.append(f"about the skin's centre; arrow {MM_PER_N:g} mm/N, arc of twist {ARC_DEG_PER_NMM:g}°/(N·mm)")
     parts += ["time in s"] if has_curves else []
     return card_html("line", text="; ".join(parts), margin="0.3em", size="0.7em", is_dim=True)
-
-
-def explained_wrench_table_html(moments: Sequence[WrenchSourceSnapshot], is_past: bool) -> str:
-    """Return the wrenches in columns, with warnings and what the columns mean, as HTML; empty without wrenches."""
-    return wrench_table_html(moments, is_past) + wrench_meaning_html(moments) if moments else ""
 
 
 def format_component(sample: WrenchWithUncertainty, number: int, unknown: str = "unknown") -> tuple[str, str]:

@@ -74,8 +74,9 @@ def most_urgent_status(moment: SensorSnapshot, shown: Reading | None, frozen: bo
         return WAITING_STATUS
     if frozen:
         return SensorStatusMessage("held", f"frozen: the moment shown is {_format_duration(age_ms)} old")
-    warning = _warning_sentence(reading)
-    return SensorStatusMessage("warned" if warning else "live", warning or f"live, {age_ms:.0f} ms old")
+    if warning := _warning_sentence(reading):
+        return SensorStatusMessage("warned", warning)
+    return SensorStatusMessage("live", "; ".join((f"live, {age_ms:.0f} ms old", *reading.light_sentences)))
 
 
 def _warning_sentence(reading: Reading) -> str:

@@ -48,11 +48,13 @@ _LAST_WORDS_S = 0.1
 """Time to wait for the last messages, because viser drops unsent ones when it stops."""
 _INTRODUCED_WITHIN_S = 10.0
 _READY_WITHIN_S = 30.0
-"""Time that a browser needs to draw the page at first, after which it sends its view."""
+"""Time that a browser needs to draw the page at first, after which it sends its view, and to load a moment at 50 kB/s."""
 _FETCHED_WITHIN_S = 30.0
 _VISER_PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """What a page of this version of viser states when it connects."""
 _DROPPED = "dropped a message of %d bytes of %s that the page does not expect; further ones are dropped silently"
+_SILENT_S = 3
+"""Time without news after which a browser says so: longer than between two moments of a slow one."""
 _DRAWN = "/drawn/"
 """Begins the path with which a browser tells what it has drawn."""
 _PASSED_ON = ("Content-Type", "Content-Encoding")
@@ -95,7 +97,7 @@ class PageServer:
         """Start viser; browsers reach it after `listen`."""
         rich.get_console().quiet = True  # viser prints a banner with the address that nobody is told
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)  # a viewer has just left
-        limits = replace(guard.limits, speaks_within_s=_READY_WITHIN_S)
+        limits = replace(guard.limits, speaks_within_s=_READY_WITHIN_S, send_timeout_s=_READY_WITHIN_S)
         self._guard, self._address = replace(guard, limits=limits), hidden_loopback_address()
         self.viser, self.port = viser.ViserServer(host=self._address, port=0, label="9DTact", verbose=False), 0
         self.drawn_moments = DrawnMoments()
@@ -238,7 +240,9 @@ def page_server(guard: SocketGuard, port: int | None = 0) -> Iterator[PageServer
     server = PageServer(guard)
     try:
         server.listen(DEFAULT_PORTS if port is None else [port])
-        run_in_browsers(server, _PAGE_SCRIPT.replace("PROGRAM", json.dumps(token_urlsafe())))
+        run_in_browsers(
+            server, _PAGE_SCRIPT.replace("PROGRAM", json.dumps(token_urlsafe())).replace("SILENT_S", str(_SILENT_S))
+        )
         yield server
     finally:
         server.close()
@@ -251,16 +255,23 @@ if (!window.pageProgram) {
   const drop = window.URL.revokeObjectURL.bind(window.URL);
   window.URL.revokeObjectURL = (address) => setTimeout(() => drop(address), 5000);
   const painted = () => new Promise(requestAnimationFrame);
-  let told = '';
+  let told = '', heardAt = Date.now();
   const tell = async () => {
     const moment = document.querySelector('[data-moment]')?.dataset.moment;
     if (!moment || moment === told) return;
     told = moment;
+    heardAt = Date.now();
+    if (moment.startsWith('/')) return;
     await Promise.all([...document.images].filter((image) => !image.complete).map((image) => image.decode().catch(() => 0)));
     await painted();
     fetch(location.pathname.replace(/\\/?$/, '/drawn/') + moment, {cache: 'no-store'}).catch(() => 0);
   };
   new MutationObserver(tell).observe(document.body, {subtree: true, childList: true});
+  setInterval(() => {
+    const silent_s = Math.round((Date.now() - heardAt) / 1000);
+    document.body.toggleAttribute('data-silent', told !== '' && silent_s > SILENT_S);
+    document.body.style.setProperty('--silence', `"no news for ${silent_s} s: the program or the network does not answer"`);
+  }, 500);
   const isOfGraphics = (notice) => /Software WebGL/.test(notice.querySelector('.mantine-Notification-title')?.innerText);
   setInterval(() => [...document.querySelectorAll('.mantine-Notification-root')].filter(isOfGraphics).forEach((notice) => {
     notice.seen = (notice.seen || 0) + 1;
@@ -268,7 +279,7 @@ if (!window.pageProgram) {
   }), 1000);
 } else if (window.pageProgram !== PROGRAM) location.reload();
 """
-"""Tells which moment has been drawn, and corrects three errors of the page of viser 1.1.
+"""Tells which moment has been drawn, says where none has come for a while, and corrects three errors of the page of viser 1.1.
 
 The page drops the data of an image at once when another one replaces it. Where the browser has not yet loaded it, the browser
 reports a missing file (ERR_FILE_NOT_FOUND) and shows no image until the next one. So the data are kept for five seconds.
@@ -301,6 +312,11 @@ def prepare_page(server: PageServer, title: str) -> None:
 def run_in_browsers(server: PageServer, script: str) -> None:
     """Run a script in every browser that is connected or connects later: as what an image that cannot be loaded does."""
     server.viser.gui.add_html(f'<img hidden src="data:," onerror="{escape(script)}">')
+
+
+def moment_mark(number: int, browser: str = "") -> str:
+    """Return HTML that names a moment for the script of the page: a browser that is named tells when it has drawn it."""
+    return f'<i hidden data-moment="{browser}/{number}"></i>'
 
 
 def draw_with_retry(draw: Callable[[], None]) -> None:

@@ -100,16 +100,13 @@ class SkinSurface:
     @cached_property
     def faces(self) -> UInt32[Array, "m 3"]:
         """Triangles between neighbouring points; the same array for all surfaces of one size that are wholly in view."""
-        return _whole_view_faces(self.in_view.shape) if self.in_view.all() else _faces(self.in_view)
-
-
-def _faces(in_view: Bool[Array, "rows cols"]) -> UInt32[Array, "m 3"]:
-    return triangulate_view(in_view).astype(np.uint32)
+        in_view = self.in_view
+        return _whole_view_faces(in_view.shape) if in_view.all() else triangulate_view(in_view).astype(np.uint32)
 
 
 @lru_cache(maxsize=4)
 def _whole_view_faces(shape: tuple[int, int]) -> UInt32[Array, "m 3"]:
-    return _faces(np.ones(shape, bool))
+    return triangulate_view(np.ones(shape, bool)).astype(np.uint32)
 
 
 def skin_surface(height: HeightMap, colours_bgr: Image | None, coarser: int = 1) -> SkinSurface:

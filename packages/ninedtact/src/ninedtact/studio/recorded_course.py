@@ -34,7 +34,7 @@ class RecordedCourse:
         """readings: opened anew by the thread; those given here are not read."""
         self.followed_until_ns = 0
         """Stamp of the last image into which the object has been followed."""
-        self._readings, self._viewers, self._closing = readings, 1, Event()
+        self._readings, self.viewers, self._closing = readings, 1, Event()
         self._curve, self._followed = list[tuple[int, float]](), dict[int, FollowedObject]()
         name = f"measure {readings.recording.path.name}"
         self._thread = Thread(target=self._measure_and_follow, name=name, daemon=True)
@@ -51,15 +51,11 @@ class RecordedCourse:
         inside = (seconds <= 0) & (seconds > -HISTORY_S)
         return np.stack([seconds[inside], curve[inside, 1]])
 
-    def add_viewer(self) -> None:
-        """Count one more viewer, who closes the course, too."""
-        self._viewers += 1
-
     def close(self) -> None:
         """Leave the course to the other viewers, or end it."""
         with _COURSES_LOCK:
-            self._viewers -= 1
-            if self._viewers > 0:
+            self.viewers -= 1
+            if self.viewers > 0:
                 return
             _COURSES.pop(_key(self._readings), None)
         self._closing.set()
@@ -104,7 +100,7 @@ def open_course(readings: RecordedReadings) -> RecordedCourse:
         if course is None:
             course = _COURSES[_key(readings)] = RecordedCourse(readings)
         else:
-            course.add_viewer()
+            course.viewers += 1
         return course
 
 

@@ -17,7 +17,7 @@ from ninedtact.recording.errors import RecordingUnreadable
 from ninedtact.recording.reader import RecordedReferences, Recording
 from ninedtact.recording.summary import usual_rate_hz
 from ninedtact.recording.topics_and_messages import Topic
-from ninedtact.shape.calibrated_shape import REFERENCE_FRAMES, CalibratedShape, DepthReader
+from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.simulation.simulated_sources import TRUE_WRENCH_MEANING
 
 
@@ -35,7 +35,6 @@ class RecordedReadings:
             raise RecordingUnreadable(expected=f"images in {path}", got="none", remedy="take another recording")
         self.stamps_ns: Int64[Array, " n"] = np.asarray(self._images["stamp_ns"])
         self._references = RecordedReferences(self.recording, shape)
-        self._first_reader: DepthReader | None = None
 
     def __len__(self) -> int:
         return len(self._images)
@@ -52,7 +51,7 @@ class RecordedReadings:
     def reading(self, number: int) -> Reading:
         """Return a reading; raises `RecordingUnreadable`, `FileFormatError`, `ReferenceUnusable`."""
         frame = self.recording.frame(self._images[number])
-        reading = read_frame(frame, self._shape, self._depth_reader_at(frame.stamp_ns))
+        reading = read_frame(frame, self._shape, self._references.held_or_first_at(frame.stamp_ns, 1))
         stored = self.recording.message_of_image(Topic.HEIGHTS, frame)
         if stored is not None:
             z_mm = self.recording.decode_heights(stored)
@@ -81,15 +80,6 @@ class RecordedReadings:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def _depth_reader_at(self, stamp_ns: int) -> DepthReader:
-        """Return the depth reader for the reference image that held at a stamp, or that of the first ten images."""
-        recorded = self._references.depth_reader_at(stamp_ns)
-        if recorded is not None:
-            return recorded
-        if self._first_reader is None:
-            self._first_reader = self._shape.depth_reader(*map(self.recording.frame, self._images[:REFERENCE_FRAMES]))
-        return self._first_reader
 
     def _require_size(self, size: tuple[int, ...]) -> None:
         wanted = self._shape.rectify.height_source.shape

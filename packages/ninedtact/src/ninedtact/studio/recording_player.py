@@ -95,7 +95,8 @@ class RecordedSensor:
             status = SensorStatusMessage("lost", f"recorded, {at_s:.2f} s; this sensor has no image at this time")
         else:
             warnings = () if reading is None else (*reading.reference_warnings, *reading.image_warnings)
-            status = SensorStatusMessage("warned" if warnings else "held", "; ".join((state, *warnings)))
+            light = () if reading is None else reading.light_sentences
+            status = SensorStatusMessage("warned" if warnings else "held", "; ".join((state, *warnings, *light)))
         followed = FollowedObject() if reading is None else self.course.followed(reading.stamp_ns)
         name = self.readings.recording.metadata.name
         return SensorMoment(status, snapshot, self._view, wrenches, shown_hz, name, followed)

@@ -3,8 +3,8 @@
 Recording is shared by all viewers; what is open, and where in its time, is each viewer's own.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
@@ -26,16 +26,17 @@ from ninedtact.shape.calibrated_shape import CalibratedShape
 from ninedtact.source_addresses import RECORDING_SUFFIX, load_recorded_sensor
 from ninedtact.studio.page_cards import (
     card_html,
-    explained_wrench_table_html,
     recorder_html,
     shape_summary_html,
     standalone_moment_html,
     status_html,
     time_slider_marks,
+    wrench_meaning_html,
+    wrench_table_html,
 )
 from ninedtact.studio.page_controller import WITHOUT_READING, PageMoment
 from ninedtact.studio.recording_player import SPEEDS, RecordedSensor, RecordingPlayer
-from ninedtact.studio.saved_files import save_surface_sequence, save_video
+from ninedtact.studio.saved_files import save_video
 from ninedtact.studio.viewer import Side, ViewerPage, on_user_change
 
 NOTHING, WHOLE = "none", "the whole recording"
@@ -44,7 +45,6 @@ _SPEED_OF_NAME = {f"{each:g} ×": each for each in SPEEDS}
 PLAY_KEYS = "keys: J frame back, K play or pause, L frame forward"
 _LIST_EVERY_S = 1.0
 _HEIGHT_BYTES = 4
-_OF_CHOICE = "of the chosen label or of the whole recording"
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,11 @@ class RecordingsPanel:
             page.on_click(partial(self._export, self._export_page))
             exports: dict[str, tuple[IconName, str, Export]] = {
                 "Images and tables": (Icon.TABLE, "PNG, CSV, .npy and the sensor folder", self._export_tables),
-                "Surfaces (PLY)": (Icon.STACK_2, f"every surface, {_OF_CHOICE}", self._export_surfaces),
-                "Video (MP4)": (Icon.MOVIE, f"image beside heights, {_OF_CHOICE}", self._export_video),
+                "Video (MP4)": (
+                    Icon.MOVIE,
+                    "image beside heights, of the chosen label or of all",
+                    self._export_video,
+                ),
             }
             self._exports: list[GuiButtonHandle] = []
             for name, (icon, hint, export) in exports.items():
@@ -330,7 +333,11 @@ class RecordingsPanel:
         cards = (
             status_html(moment.status),
             shape_summary_html(view.summary, False),
-            explained_wrench_table_html(moment.wrenches, False),
+            *(
+                (wrench_table_html(moment.wrenches, False), wrench_meaning_html(moment.wrenches))
+                if moment.wrenches
+                else ()
+            ),
         )
         sample = moment.wrenches[0].sample if moment.wrenches else None
         sensor = moment.name or (
@@ -357,21 +364,11 @@ class RecordingsPanel:
         self._quota.add_bytes(sum(file.stat().st_size for file in path.rglob("*") if file.is_file()))
         return path
 
-    def _export_surfaces(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_sensor.path)}_surfaces_{time}"
-        with self._readings_of_choice() as readings:
-            save_surface_sequence(readings, path, self._quota)
-        return path
-
     def _export_video(self, time: str) -> Path:
-        path = self._out / f"{_file_name(self._chosen_sensor.path)}_{time}.mp4"
-        with self._readings_of_choice() as readings:
-            save_video(readings, self._viewer.controller.scale, self._chosen_sensor.readings.hz, path, self._quota)
-        return path
-
-    @contextmanager
-    def _readings_of_choice(self) -> Iterator[Iterator[Reading]]:
-        readings, numbers = self._chosen_sensor.readings_within(self._chosen_span())
+        sensor = self._chosen_sensor
+        readings, numbers = sensor.readings_within(self._chosen_span())
+        name = sensor.path.name.replace(RECORDING_SUFFIX, "").replace("#", "_")  # grasp_left of grasp.mcap#left
+        path = self._out / f"{name}_{time}.mp4"
         with readings:
             if not numbers:
                 raise InputError(
@@ -382,7 +379,8 @@ class RecordingsPanel:
                 self._say_progress(number - numbers.start + 1, len(numbers))
                 return readings.reading(number)
 
-            yield map(read, numbers)
+            save_video(map(read, numbers), self._viewer.controller.scale, sensor.readings.hz, path, self._quota)
+        return path
 
     def _say_progress(self, number: int, count: int) -> None:
         if number % 10 == 1 or number == count:
@@ -391,11 +389,6 @@ class RecordingsPanel:
 
 Export = Callable[[str], Path]
 """Writes something under a name that contains this time, and returns its path."""
-
-
-def _file_name(path: Path) -> str:
-    """Return the beginning of the names of what is exported of one sensor: `grasp_left` of `grasp.mcap#left`."""
-    return path.name.replace(RECORDING_SUFFIX, "").replace("#", "_")
 
 
 def _span_name(player: RecordingPlayer, span: LabelledSpan) -> str:

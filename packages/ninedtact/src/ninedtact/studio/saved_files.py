@@ -1,6 +1,6 @@
-"""Files that people save from the page: one moment, surfaces and a video of a recording; and their limits.
+"""Files that people save from the page: one moment, and a video of a recording; and their limits.
 
-Each file, and each folder of a sequence, appears whole or not at all. All viewers of a page share one `SaveQuota`.
+Each file appears whole or not at all. All viewers of a page share one `SaveQuota`.
 """
 
 import json
@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.atomic_write import FileNotWritten, create_folder_atomically, write_file_atomically
+from ninedtact.atomic_write import FileNotWritten, write_file_atomically
 from ninedtact.errors import OutputError
 from ninedtact.live.reading_recorder import ReadingRecorder, RecordedSensorMetadata
 from ninedtact.live.wrench_history import WrenchSourceSnapshot
@@ -32,10 +32,6 @@ from ninedtact.shape.coloured_height_map import ColourScale, colourise_heights
 from ninedtact.shape.export import export_shape
 
 FORMATS = ("npy", "png", "ply")
-SEQUENCE_EVERY = 2
-"""Every how many rows and columns the surfaces of a sequence keep: 2 MB each with the default design."""
-
-
 _SAVED_BYTES_PER_PX = 100
 """Upper estimate of what the files of one reading take per pixel of the height map."""
 
@@ -160,18 +156,6 @@ def moment_json_dict(reading: Reading, status: str, wrenches: Iterable[WrenchSou
 
 def _finite_numbers(values: Float64[Array, " n"]) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
-
-
-def save_surface_sequence(readings: Iterable[Reading], out: Path, quota: SaveQuota) -> None:
-    """Write the surface of every reading as PLY into a new folder; raises `OutputError`."""
-    written = 0
-    with create_folder_atomically(out) as folder:
-        for count, reading in enumerate(readings, start=1):
-            path = folder / f"surface_{reading.frame.index:08d}.ply"
-            export_shape(reading.height, path, SEQUENCE_EVERY)
-            written += path.stat().st_size
-            quota.require_space(written, folder, f"a sequence of {count} surfaces")
-    quota.add_bytes(written)
 
 
 def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path: Path, quota: SaveQuota) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from viser import CommandEvent, GuiApi, GuiEvent, Icon, uplot
 
 from ninedtact.live.sensor_poller import HISTORY_S, SensorPhase
+from ninedtact.studio.followed_object import FollowedObject
 from ninedtact.studio.page_cards import (
     card_html,
     followed_object_html,
@@ -53,8 +54,8 @@ class StatusPanel:
                 ),
             )
         self._status = gui.add_html(status_html(WAITING_STATUS))
-        self._figures = gui.add_html("")
-        self._object = gui.add_html("")
+        self._figures = gui.add_html("" if viewer.is_shared else shape_summary_html(None, True))
+        self._object = gui.add_html("" if viewer.is_shared else followed_object_html(FollowedObject(), True))
         self._freeze = gui.add_button(
             "Freeze", icon=Icon.PLAYER_PAUSE, hint="keep what is shown, for this browser only (F)"
         )
@@ -78,8 +79,9 @@ class StatusPanel:
         wrenches = alone.wrenches if self._has_table else ()
         self._table.content = wrench_table_html(wrenches, alone.status.is_past) if wrenches else ""
         if alone.view is not None:
-            self._figures.content = shape_summary_html(alone.view.summary, alone.status.is_past, alone.followed.doubt)
-            self._object.content = followed_object_html(alone.followed, alone.status.is_past)
+            is_pale = alone.status.is_past or bool(alone.view.reading.image_warnings)
+            self._figures.content = shape_summary_html(alone.view.summary, is_pale, alone.followed.doubt)
+            self._object.content = followed_object_html(alone.followed, is_pale)
 
     def _toggle_freeze(self) -> None:
         self._viewer.toggle_freeze()

@@ -106,6 +106,7 @@ class TwinPressPanel:
             on_user_change(slider, partial(self._move, name))
         upload.on_upload(self._upload)
         self._add_handle()
+        self._follow(state)
 
     def update(self, moment: PageMoment) -> None:
         """Follow what other viewers do, and say how the contact is; a recording is not pressed, and shows none of it."""

@@ -104,28 +104,27 @@ class ScenePanel:
             "surface colouring", [str(each) for each in SkinColouring], initial_value=str(options.colouring)
         )
         times = gui.add_slider("vertical exaggeration", 1.0, MAX_EXAGGERATION, 0.5, 1.0, hint="1 is true to scale")
-        outline = gui.add_checkbox("contact outline", options.with_outline)
-        path = gui.add_checkbox(
-            "path of the object", options.with_path, hint="blue: estimated; orange: true, on a twin"
-        )
+        self._add_choice(gui, "with_outline", "contact outline")
+        self._add_choice(gui, "with_path", "path of the object", "blue: estimated; orange: true, on a twin")
         source = gui.add_dropdown(
             "pressure and shear",
             [str(each) for each in ShownTraction],
             initial_value=str(options.source),
             hint="those of the estimate; on a twin those of the simulation",
         )
-        pressure = gui.add_checkbox("pressure as arrows", options.pressure_arrows)
-        shear = gui.add_checkbox("shear as arrows", options.shear_arrows)
+        self._add_choice(gui, "pressure_arrows", "pressure as arrows")
+        self._add_choice(gui, "shear_arrows", "shear as arrows")
         add_theme_choice(viewer.client)
         on_user_change(colouring, lambda event: viewer.choose(colouring=SkinColouring(event.target.value)))
         on_user_change(
             times, lambda event: viewer.choose(exaggeration=float(np.clip(event.target.value, 1, MAX_EXAGGERATION)))
         )
-        on_user_change(outline, lambda event: viewer.choose(with_outline=event.target.value))
-        on_user_change(path, lambda event: viewer.choose(with_path=event.target.value))
         on_user_change(source, lambda event: viewer.choose(source=ShownTraction(event.target.value)))
-        on_user_change(pressure, lambda event: viewer.choose(pressure_arrows=event.target.value))
-        on_user_change(shear, lambda event: viewer.choose(shear_arrows=event.target.value))
+
+    def _add_choice(self, gui: GuiApi, option: str, label: str, hint: str | None = None) -> None:
+        """Add a box that switches an option of the viewer."""
+        box = gui.add_checkbox(label, getattr(self._viewer.options, option), hint=hint)
+        on_user_change(box, lambda event: self._viewer.choose(**{option: event.target.value}))
 
     def update(self, moment: PageMoment) -> None:
         """Draw the scene where it differs from what was drawn last; a recording may have fewer sensors than the page."""

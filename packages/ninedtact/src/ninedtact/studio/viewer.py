@@ -18,7 +18,7 @@ from viser import ClientHandle, GuiApi, GuiButtonGroupHandle, GuiEvent, GuiTabGr
 from ninedtact.errors import NinedtactError
 from ninedtact.live.sensor_poller import SensorPhase
 from ninedtact.studio.page_controller import DisplayedSensor, PageController, PageMoment, SensorMoment
-from ninedtact.studio.page_server import DrawnMoments, draw_with_retry
+from ninedtact.studio.page_server import DrawnMoments, draw_with_retry, moment_mark
 from ninedtact.studio.reading_view import ImageKind, ShownTraction, SkinColouring
 from ninedtact.studio.recording_player import RecordingPlayer
 from ninedtact.studio.scene_3d import DARK, LIGHT, GelBlock, SideBySideLayout
@@ -216,7 +216,7 @@ class ViewerPage:
             self.redraws_curves = not self.is_frozen and (is_recorded or self._moments % CURVES_EVERY == 0)
             self._passed_before, self._sent_s = passed, monotonic()
             with self.client.atomic():
-                self._mark.content = f'<i hidden data-moment="{self._name}/{self._moments}"></i>'
+                self._mark.content = moment_mark(self._moments, self._name)
                 for panel in self._panels:
                     draw_with_retry(partial(panel.update, moment))
             # viser would wait 17 ms for more, and send nothing where the next moment has begun by then.
@@ -257,7 +257,7 @@ class ViewerPage:
         gui = self.client.gui
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_PX)
-        self._mark = gui.add_html("")  # names the moment, for the script of the page
+        self._mark = gui.add_html(moment_mark(0, self._name))
         columns: dict[Side, PanelHandle | GuiTabGroupHandle] = {}
         for panel in sorted(self._panels, key=lambda panel: bool(panel.title)) if self.is_narrow else self._panels:
             side: Side = "right" if self.is_narrow else panel.side if self.is_tall or panel.side == "right" else "left"

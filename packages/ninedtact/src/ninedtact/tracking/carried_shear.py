@@ -10,21 +10,20 @@ coefficients, the nodes of a Gauss–Hermite quadrature over what is known of th
 """
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
-from scipy.fft import next_fast_len
 from scipy.special import ndtr
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, slip_mask, solve_shear
 from ninedtact.mechanics.numpy_or_torch_arrays import sum_over_grid
-from ninedtact.mechanics.skin import DisplacementOperators, PeriodicGrid, Skin
+from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.tracking.object_tracker import ObjectMotion
+from ninedtact.tracking.sliding_load import skin_of, square_grid
 from ninedtact.tracking.sliding_springs import FRICTION_PRIOR, FRICTION_PRIOR_WIDTH, KNOWN_FRICTION_WIDTH
 from ninedtact.tracking.slip import INCIPIENT_SHARE
 
@@ -43,7 +42,7 @@ _AT_LIMIT = 0.9
 """Part of what friction holds from which a place counts as sliding: at rest, noise of the pressure lifts the limit off it."""
 _ANY_TORQUE_NM = 1.0
 """Standard deviation of a torque without a stated error: more than any that a gel bears."""
-_MARGIN_CELLS, _TOLERANCE_MM, _MAX_ITERATIONS = 8, 2e-3, 60
+_TOLERANCE_MM, _MAX_ITERATIONS = 2e-3, 60
 
 
 @dataclass(frozen=True)
@@ -153,7 +152,7 @@ class CarriedSkin:
             return None
         limit = FrictionLimit(_friction_coefficients(friction)[:, None, None] * pressure_mpa)
         tolerance_mm = np.full((len(_NODES), 1, 1), _TOLERANCE_MM, np.float32)
-        operators = _operators(now.grid, traction.gel)
+        operators = skin_of(now.grid, traction.gel).operators
         self._shear = solve_shear(operators, target_mm, limit, self._shear, tolerance_mm, _MAX_ITERATIONS)
         self._last = now
         return _summarise(now, pressure_mpa, limit, self._shear.shear_mpa, traction.gel, float(motion.std[5]))
@@ -161,13 +160,12 @@ class CarriedSkin:
 
 def _skin_at_rest(traction: Traction) -> tuple[_Placed, ShearSolution]:
     """Return a grid about the centre of pressure, over skin that is not sheared."""
-    side = next_fast_len(max(traction.pressure_mpa.shape) + _MARGIN_CELLS, real=True)
-    grid = PeriodicGrid(side, side, traction.mm_per_px)
+    grid = square_grid(traction)
     middle = _Placed(grid, np.zeros(2), 0.0)
     centre_mm = _mean_over(middle.points_mm, _sample(traction, middle.points_mm))
     none = np.zeros((len(_NODES), 1, 1), np.float32)
-    still = np.zeros((len(_NODES), 2, side, side), np.float32)
-    step_length = _operators(grid, traction.gel).first_step_lengths(none)[1]
+    still = np.zeros((len(_NODES), 2, *grid.shape), np.float32)
+    step_length = skin_of(grid, traction.gel).operators.first_step_lengths(none)[1]
     return replace(middle, centre_mm=centre_mm), ShearSolution(still, still, none, none, none, step_length)
 
 
@@ -234,8 +232,3 @@ def _mean_over(values: Float[Array, "n rows cols"], weight: Float[Array, "rows c
 def _columns(field_mm: Float[Array, "*nodes 2 rows cols"]) -> Float[Array, "*nodes 2 points"]:
     """Return a field of vectors as a matrix of columns."""
     return field_mm.reshape(*field_mm.shape[:-2], -1)
-
-
-@cache
-def _operators(grid: PeriodicGrid, gel: Gel) -> DisplacementOperators:
-    return Skin(grid, gel).operators

@@ -12,13 +12,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.quantities import Traction, Wrench, WrenchEstimate
+from ninedtact.quantities import HeightMap, Traction, Wrench, WrenchEstimate
 from ninedtact.reading import Reading
 from ninedtact.shape.contacts import ContactPatch
 from ninedtact.tracking.carried_shear import CarriedSkin
 from ninedtact.tracking.contact_follower import ContactFollower
 from ninedtact.tracking.imprint_shift import ImprintShift
 from ninedtact.tracking.object_tracker import ObjectMotion, ObjectTracker
+from ninedtact.tracking.sliding_load import as_it_slides, overread_of_sliding
 from ninedtact.tracking.sliding_springs import SlipSample
 from ninedtact.tracking.slip import SlipEstimate, SlipEstimator, SlipState
 
@@ -43,13 +44,11 @@ class TrackedContacts:
     """What touches in one reading."""
 
     reading: Reading
+    """Where the turn of the object is seen, its wrench has the torque about z that this tells."""
     contacts: tuple[ContactPatch, ...]
     """The contacts, each with the number by which it is followed; the largest first."""
     motion: ObjectMotion
     """Motion of the object since it touched first, if all contacts belong to one object."""
-    force: WrenchEstimate | None
-    """The wrench of the reading about the skin's centre, where the turn of the object is seen with the torque about z that this
-    tells; None without a force estimator."""
     displacement_mm: Float[Array, "2"]
     """How far the object has moved along the skin since the stream began, by its shape or by its contacts' centres."""
     slip: SlipEstimate
@@ -85,23 +84,24 @@ class ContactTracker:
         """Return what touches in the next reading of the stream; slip is unknown in one that is not later."""
         contacts = () if reading.image_warnings else self._followed.update(reading.contacts)
         motion = self.objects.update(reading)
-        if not contacts:
-            self._imprint.forget()
-        imprint_step_mm = self._imprint.update(reading.height) if contacts else np.zeros(2)
-        self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, imprint_step_mm)
-        force = None if reading.force is None else reading.force.about_skin_centre()
+        self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, reading.height)
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
         if not reading.is_touching and not reading.image_warnings:
             slip, self._slips = self.slip.release(), {}
             self.carried.release()
         elif contacts and reading.force is not None:
-            slip, force = self._slip_and_force(reading, motion, reading.force)
-            slips = self._slips_of(reading, contacts) if len(contacts) > 1 else (slip,)
-        self._last = TrackedContacts(reading, contacts, motion, force, self._moved_mm, slip, slips)
+            traction = _traction(reading)
+            overread = overread_of_sliding(traction)
+            slip, force = self._slip_and_force(reading, motion, reading.force, traction, overread)
+            slips = self._slips_of(reading, contacts, overread) if len(contacts) > 1 else (slip,)
+            if len(contacts) == 1 and contacts[0].force is not None:
+                contacts = (replace(contacts[0], force=force),)
+            reading = reading.with_force(force)
+        self._last = TrackedContacts(reading, contacts, motion, self._moved_mm, slip, slips)
         return self._last
 
     def _step_mm(
-        self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, imprint_step_mm: Float[Array, "2"]
+        self, contacts: tuple[ContactPatch, ...], motion: ObjectMotion, height: HeightMap
     ) -> Float[Array, "2"]:
         """Return how far the object has moved along the skin since the image before."""
         if self._last is None:
@@ -115,33 +115,37 @@ class ContactTracker:
             return np.zeros(2)
         areas, steps = zip(*pairs, strict=True)
         step_mm = np.asarray(np.average(steps, axis=0, weights=areas))
-        has_edges = min(contact.convexity for contact in contacts) < _CONVEX
+        if min(contact.convexity for contact in contacts) >= _CONVEX:
+            return step_mm
+        imprint_step_mm = self._imprint.update(self._last.reading.height, height)
         # Edges of one part may be matched with those of another.
         agrees = float(np.linalg.norm(imprint_step_mm - step_mm)) < _UNLIKELY_MM
-        return imprint_step_mm if has_edges and agrees else step_mm
+        return imprint_step_mm if agrees else step_mm
 
     def _slip_and_force(
-        self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate
+        self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate, traction: Traction, overread: float
     ) -> tuple[SlipEstimate, WrenchEstimate]:
-        """Return the slip of all contacts together, and the wrench about the skin's centre, by the turn of the object where it
-        turns more than it is dragged."""
-        carried = self.carried.update(motion, _traction(reading), self.slip.friction)
-        if carried is None:
-            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), force.about_skin_centre()
-        corrected = carried.correct(force)
-        if not carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
-            return _slip_at(self.slip, reading, self._moved_mm, force.wrench), corrected
-        turned = replace(
-            self.slip.release(),
-            state=SlipState.INCIPIENT if carried.p_incipient > 0.5 else SlipState.STATIC,
-            p_incipient=carried.p_incipient,
-            p_gross=0.0,  # the middle of a contact that turns about itself sticks
-            sticking_share=carried.sticking_share,
-            speed=0.0,
-        )
-        return turned, corrected
+        """Return the slip of all contacts together, and the wrench: with the load of a contact that slides
+        where all of it does, by the turn of the object where it turns more than it is dragged."""
+        carried = self.carried.update(motion, traction, self.slip.friction)
+        if carried is not None and carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
+            turned = replace(
+                self.slip.release(),
+                state=SlipState.INCIPIENT if carried.p_incipient > 0.5 else SlipState.STATIC,
+                p_incipient=carried.p_incipient,
+                p_gross=0.0,  # the middle of a contact that turns about itself sticks
+                sticking_share=carried.sticking_share,
+                speed=0.0,
+            )
+            return turned, carried.correct(force)
+        slip = _slip_at(self.slip, reading, self._moved_mm, force.wrench, overread)
+        if slip.state == SlipState.GROSS:
+            force = as_it_slides(force, overread)
+        return slip, force if carried is None else carried.correct(force)
 
-    def _slips_of(self, reading: Reading, contacts: tuple[ContactPatch, ...]) -> tuple[SlipEstimate, ...]:
+    def _slips_of(
+        self, reading: Reading, contacts: tuple[ContactPatch, ...], overread: float
+    ) -> tuple[SlipEstimate, ...]:
         """Return the slip of each of several contacts, by its own share of the load and its own centre."""
         self._slips = {
             one.number: self._slips.get(one.number, SlipEstimator(least_friction=_LEAST_FRICTION)) for one in contacts
@@ -149,7 +153,7 @@ class ContactTracker:
         return tuple(
             SlipEstimate()
             if one.force is None
-            else _slip_at(self._slips[one.number], reading, one.centre_mm, one.force.wrench)
+            else _slip_at(self._slips[one.number], reading, one.centre_mm, one.force.wrench, overread)
             for one in contacts
         )
 
@@ -174,7 +178,7 @@ def _traction(reading: Reading) -> Traction:
 
 
 def _slip_at(
-    estimator: SlipEstimator, reading: Reading, displacement_mm: Float[Array, "2"], wrench: Wrench
+    estimator: SlipEstimator, reading: Reading, displacement_mm: Float[Array, "2"], wrench: Wrench, overread: float
 ) -> SlipEstimate:
     """Return the slip of an object at a displacement under a load."""
     if estimator.time_s is not None and reading.stamp_ns / 1e9 <= estimator.time_s:
@@ -187,6 +191,7 @@ def _slip_at(
         normal_n,
         CONTACT_CENTRE_STD_MM,
         load_std_n(normal_n),
+        overread,
     )
     return estimator.update(sample)
 

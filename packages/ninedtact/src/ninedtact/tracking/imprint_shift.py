@@ -23,24 +23,23 @@ _NEXT_KEY_MM = 0.5
 
 @dataclass
 class ImprintShift:
-    """Follows the imprint along x and y through a stream, against key images."""
+    """Follows the imprint along x and y through images that follow each other, against key images."""
 
-    _key: Float32[Array, "rows cols"] | None = field(default=None, init=False, repr=False)
-    _shift_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
+    _last: HeightMap | None = field(default=None, init=False, repr=False)
+    _key: Float32[Array, "rows cols"] = field(init=False, repr=False)
+    _shift_mm: Float[Array, "2"] = field(init=False, repr=False)
     """Shift of the last image since the key image."""
 
-    def forget(self) -> None:
-        """Compare with no earlier image, because nothing touched in between."""
-        self._key = None
-
-    def update(self, height: HeightMap) -> Float[Array, "2"]:
-        """Return the shift in mm since the image before; zero in the first one."""
-        edges, pixel_mm = _edges(height)
-        if self._key is None or self._key.shape != edges.shape:
+    def update(self, before: HeightMap, height: HeightMap) -> Float[Array, "2"]:
+        """Return the shift in mm of an image since the one before, which is the next key image where it was not followed."""
+        if before is not self._last:
+            self._key, self._shift_mm = _edges(before), np.zeros(2)
+        self._last, edges = height, _edges(height)
+        if self._key.shape != edges.shape:
             self._key, self._shift_mm = edges, np.zeros(2)
             return np.zeros(2)
         shift_px, _ = cv2.phaseCorrelate(self._key, edges, _window(*edges.shape))
-        before_mm, shift_mm = self._shift_mm, pixel_mm * np.array(shift_px)
+        before_mm, shift_mm = self._shift_mm, 2 * height.mm_per_px * np.array(shift_px)
         is_far = np.linalg.norm(shift_mm) > _NEXT_KEY_MM
         self._key, self._shift_mm = (edges, np.zeros(2)) if is_far else (self._key, shift_mm)
         return shift_mm - before_mm
@@ -52,9 +51,9 @@ def _window(rows: int, cols: int) -> Float32[Array, "rows cols"]:
     return np.asarray(cv2.createHanningWindow((cols, rows), cv2.CV_32F))
 
 
-def _edges(height: HeightMap) -> tuple[Float32[Array, "rows cols"], float]:
-    """Return the heights without what is narrower or wider than edges, at half of the resolution; and mm per pixel of it."""
+def _edges(height: HeightMap) -> Float32[Array, "rows cols"]:
+    """Return the heights without what is narrower or wider than edges, at half of the resolution."""
     coarse = cv2.resize(height.z_mm, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    pixel_mm = 2 * height.mm_per_px
-    narrow, wide = (cv2.GaussianBlur(coarse, (0, 0), width_mm / pixel_mm) for width_mm in (_NARROW_MM, _WIDE_MM))
-    return np.asarray(narrow - wide, np.float32), pixel_mm
+    sigmas_px = (width_mm / (2 * height.mm_per_px) for width_mm in (_NARROW_MM, _WIDE_MM))
+    narrow, wide = (cv2.GaussianBlur(coarse, (0, 0), sigma_px) for sigma_px in sigmas_px)
+    return np.asarray(narrow - wide, np.float32)

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from ninedtact.reading import Reading
 from ninedtact.tracking.object_tracker import TrackState
 from ninedtact.tracking.sliding_springs import SlipSample
-from ninedtact.tracking.slip import SlipEstimate
+from ninedtact.tracking.slip import SlipEstimate, SlipState
 from ninedtact.tracking.slip_of_sequence import slip_of_sequence
 from ninedtact.tracking.upright_motion import UprightMotion, UprightTracker
 
@@ -29,6 +29,13 @@ class TrackedImage:
     """Load on the skin with an unknown scale, that of the published design; not a number where none is known."""
     slip: SlipEstimate
     """Unknown where nothing touches, and where the image says nothing."""
+
+    @property
+    def slip_label(self) -> str:
+        """The state of slip; static where nothing touches, empty where the image says nothing."""
+        if self.motion.state == TrackState.NO_CONTACT:
+            return "static"
+        return "" if self.slip.state == SlipState.UNKNOWN else str(self.slip.state)
 
 
 @dataclass

@@ -62,6 +62,8 @@ class SlipSample:
     """Standard deviation of the error that changes from image to image; not a number where `slip_of_sequence` finds it."""
     load_std: float = float("nan")
     """The same of the loads: a factor common to all of them does not matter."""
+    overread: float = 1.0
+    """`normal` over what it is if the whole contact slides."""
 
     @property
     def is_known(self) -> bool:

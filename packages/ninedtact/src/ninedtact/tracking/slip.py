@@ -139,7 +139,7 @@ class SlipEstimator:
             self._start = sample
         if self._springs is None:
             self._start = later_start(self._start, sample)
-            self._springs = springs_if_seen(self._start, sample, self._friction.coefficient)
+            self._springs = springs_if_seen(self._start, sample, self._friction.ratio)
         elif self._history:
             self._springs.load(sample, sample.time_s - self._history[-1].time_s)
         self._remember(sample)
@@ -222,6 +222,8 @@ class _SlidingFriction:
 
     distance: float = 0.0
     weight: Float[Array, " ratios"] = field(default_factory=lambda: np.zeros(len(_RATIOS)))
+    overread: float = 0.0
+    """Sum of `SlipSample.overread`, weighted so."""
     is_known: bool = False
 
     def add(self, before: SlipSample, now: SlipSample, speed: float) -> None:
@@ -229,6 +231,7 @@ class _SlidingFriction:
         ratio, step = float(np.linalg.norm(now.tangential)) / now.normal, speed * (now.time_s - before.time_s)
         self.distance += step
         self.weight[min(int(np.searchsorted(_RATIOS, ratio)), len(_RATIOS) - 1)] += step * now.normal
+        self.overread += step * now.normal * now.overread
         self.is_known = self.is_known or self.distance > _LEAST_SLID_STDS * now.displacement_std
 
     def _quantile(self, part: float) -> float:
@@ -236,14 +239,19 @@ class _SlidingFriction:
         return float(_RATIOS[np.searchsorted(below, part * below[-1])])
 
     @property
+    def ratio(self) -> float:
+        """Ratio of the loads as they are read while everything slides; not a number until something slid."""
+        return self._quantile(_COEFFICIENT_QUANTILE) if self.is_known else float("nan")
+
+    @property
     def coefficient(self) -> float:
         """Friction coefficient; not a number until something slid."""
-        return self._quantile(_COEFFICIENT_QUANTILE) if self.is_known else float("nan")
+        return self.ratio * self.overread / float(self.weight.sum()) if self.is_known else float("nan")
 
     @property
     def std(self) -> float:
         """Standard deviation of the coefficient's error."""
         if not self.is_known:
             return float("nan")
-        spread = self._quantile(_UPPER_QUANTILE) - self.coefficient
+        spread = self._quantile(_UPPER_QUANTILE) - self.ratio
         return float(np.hypot(spread, _FRICTION_ERROR * self.coefficient))

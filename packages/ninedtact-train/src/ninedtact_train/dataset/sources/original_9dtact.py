@@ -215,7 +215,6 @@ class OriginalDatasetSource(Source):
 
 
 def _is_hidden_file(path: Path, root: Path) -> bool:
-    """Return whether a file manager left the file."""
     return any(part.startswith(".") or part == "Thumbs.db" for part in path.relative_to(root).parts)
 
 

@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -59,7 +58,8 @@ class RecordingsSource(Source):
 
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes], Path]]:
         """Yield the sensor of each recording with its attached folder, or with the one that was given in its place."""
-        from ninedtact.recording.reader import Recording, read_folder_files
+        from ninedtact.recording.attached_sensor import read_folder_files
+        from ninedtact.recording.reader import Recording
 
         given = self.conventions.sensor
         for file in self.files():
@@ -92,20 +92,20 @@ class RecordingsSource(Source):
 
         Raises `RecordingUnreadable`, `SensorFolderDamaged`, and `InputError` where the given folder is that of another sensor.
         """
-        from ninedtact.recording.reader import Recording, extract_sensor_folder
+        from ninedtact.recording.reader import Recording
 
-        if self.conventions.sensor is None:
-            with TemporaryDirectory() as folder:
-                return load_sensor(extract_sensor_folder(file, Path(folder) / "sensor")).rectification
-        given = load_sensor(self.conventions.sensor)
         with Recording(file) as recording:
+            if self.conventions.sensor is None:
+                with recording.unpacked_sensor() as own:
+                    return own.rectification
+            given = load_sensor(self.conventions.sensor)
             if recording.sensor_files() and recording.sensor != given.id:
                 raise InputError(
                     expected=f"the sensor folder of {recording.sensor!r}, which took these images",
                     got=f"that of {given.id!r}",
                     remedy="build the recordings of one sensor at a time, or without --sensor",
                 )
-        return given.rectification
+            return given.rectification
 
     def _make_row(self, pair: RecordedPair, step: int, rectify: Rectification) -> DatasetRow:
         stamps_ns = pair.wrench.stamp_ns, pair.time_ns
@@ -204,7 +204,7 @@ class ExistingDatasetSource(Source):
 
     def sensor_folders(self) -> Iterator[tuple[str, dict[str, bytes], Path]]:
         """Yield each sensor that was calibrated with the files of its folder."""
-        from ninedtact.recording.reader import read_folder_files
+        from ninedtact.recording.attached_sensor import read_folder_files
 
         for folder in find_sensor_folders(self.path / SENSOR_FOLDERS):
             yield folder.name, read_folder_files(folder), folder

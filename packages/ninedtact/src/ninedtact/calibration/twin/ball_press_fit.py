@@ -66,7 +66,7 @@ from ninedtact.simulation.gel_brightness import BrightnessModel
 
 RELATIVE_THICKNESS_STD = 0.22
 """Relative standard deviation of the thickness with which moulded gels act, about the designed one: from fits to six real sensors
-(`simulation.real_sensor_twins`)."""
+(benchmarks/real_sensor_twins.py)."""
 MODULUS_RATIO_STD = 0.08
 """Standard deviation of the gel's modulus over that of its base, about the designed one, before the image is seen: from a rigid
 base to one eight times as stiff as the gel."""

@@ -35,6 +35,7 @@ Indices = Int[Array, " n"]
 PARTS_OF_CELL = 3
 """Number of parts along each side of a cell to which the brightness law is applied."""
 _SMALLEST_WEIGHT = 1e-9
+_PRESSURE_ALONE = np.array([1, 0, 0], np.float32)[:, None, None]
 _EDGE_THINNING = 0.1
 """Thinning over the gel's thickness from which gel under pressure counts wholly as lying under the object. The inversion puts a
 little pressure beside the contact, where the gel is thicker; it does not make this gel a part of the contact."""
@@ -179,31 +180,35 @@ class ForwardModel:
 
     def deform(self, tractions: Tractions) -> DeformedSkin:
         """Return all skin under tractions of the linear gel on the view, with thickness as in `correct_for_finite_strain`."""
-        xp, waves, gel = array_namespace_of(tractions), forward_transform(tractions, self.cells.patch.shape), self.gel
-        height_mm = self._to_skin(waves, self._height_compliance)
-        linear_mm = height_mm if gel.has_rigid_base else height_mm - self._to_skin(waves, self._interface_compliance)
+        xp, gel, (rows, cols) = array_namespace_of(tractions), self.gel, tractions.shape[-2:]
+        linear = self._to_skin(tractions, self._linear_compliances)
+        height_mm, by_pressure_mm = linear[..., 0, :, :], linear[..., 2, :, :]
+        linear_mm = height_mm - linear[..., 1, :, :]
         # An iteration far from the solution may press further than through the gel.
         stiffening = finite_strain_stiffening(height_mm, xp.clip(linear_mm, min=-gel.thickness_mm), gel)
-        nonlinear_mm = self._nonlinear_thickening_mm(tractions, waves, linear_mm, stiffening)
-        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, linear_mm)
-
-    def _nonlinear_thickening_mm(
-        self, tractions: Tractions, waves: Any, linear_mm: SkinField, stiffening: SkinField
-    ) -> SkinField:
-        """Return what finite strain adds to the change of thickness; waves: the transform of the tractions."""
-        (rows, cols), xp, gel = tractions.shape[-2:], array_namespace_of(tractions), self.gel
-        added = forward_transform(tractions * (stiffening[..., None, :rows, :cols] - 1), self.cells.patch.shape)
-        change_by_pressure_mm = self._to_skin(waves[..., :1, :, :], self.compliance[:1])
-        tangential_mm = self._to_skin(waves[..., None, :, :, :], self.tangential_compliance)
         thickening_mm = finite_strain_thickening_mm(
-            change_by_pressure_mm, max_over_grid(-linear_mm), gel, self.cells.patch, tangential_mm
+            by_pressure_mm, max_over_grid(-linear_mm), gel, self.cells.patch, linear[..., 3:, :, :]
         )
-        around_mm = gel.finite_strain * thickening_mm + self._to_skin(added[..., 1:, :, :], self.compliance[1:])
+        added = self._to_skin(tractions * (stiffening[..., None, :rows, :cols] - 1), self._added_compliances)
+        around_mm, under_mm = gel.finite_strain * thickening_mm + added[..., 0, :, :], -added[..., 1, :, :]
         thinning = -linear_mm[..., :rows, :cols] / gel.thickness_mm
         under = xp.zeros_like(linear_mm)
         under[..., :rows, :cols] = xp.clip(thinning / _EDGE_THINNING, min=0, max=1) * (tractions[..., 0, :, :] > 0)
-        under_mm = 0.0 if gel.has_rigid_base else -self._to_skin(added, self._interface_compliance)
-        return around_mm + under * (under_mm - around_mm)
+        nonlinear_mm = around_mm + under * (under_mm - around_mm)
+        return DeformedSkin(height_mm, linear_mm + nonlinear_mm, stiffening, linear_mm)
+
+    @cached_property
+    def _linear_compliances(self) -> Complex64[Any, "5 3 skin_rows half"]:
+        """Height of the skin and of the gel's bottom, change of thickness by pressure alone, and displacement along x and y."""
+        by_pressure = self.compliance * self._skin.asarray(_PRESSURE_ALONE)
+        each = self._height_compliance, self._interface_compliance, by_pressure, *self.tangential_compliance
+        return array_namespace_of(by_pressure).stack(each)
+
+    @cached_property
+    def _added_compliances(self) -> Complex64[Any, "2 3 skin_rows half"]:
+        """Change of thickness by shear alone, and height of the gel's bottom."""
+        by_shear = self.compliance * self._skin.asarray(1 - _PRESSURE_ALONE)
+        return array_namespace_of(by_shear).stack([by_shear, self._interface_compliance])
 
     def thickness_change_mm(self, height_mm: SkinField) -> SkinField:
         """Return the change of the linear gel's thickness where pressure alone gives the skin this height."""
@@ -219,10 +224,13 @@ class ForwardModel:
         share = 1 - np.divide(sunk, pressed, out=np.ones_like(sunk), where=pressed != 0)
         return self._skin.asarray(share)
 
-    def _to_skin(self, waves: Any, compliance: Any) -> SkinField:
-        """Return the field of all skin that tractions, given as waves, cause by a compliance."""
+    def _to_skin(
+        self, tractions: Tractions, compliances: Complex64[Any, "n 3 skin_rows half"]
+    ) -> Float32[Any, "*batch n skin_rows skin_cols"]:
+        """Return the fields of all skin that tractions cause by each of these compliances."""
         shape = self.cells.patch.shape
-        return inverse_transform((waves * compliance).sum(axis=-3), shape, shape)
+        waves = forward_transform(tractions, shape)
+        return inverse_transform((waves[..., None, :, :, :] * compliances).sum(axis=-3), shape, shape)
 
     def scatter(self, change: SkinField) -> View:
         """Return the change of brightness that the camera observes, after scattering, for a change on all skin."""
@@ -251,11 +259,16 @@ class InfluenceKernels:
         """Rows and columns of that skin."""
         return len(self.skin_indices[0]), len(self.skin_indices[1])
 
-    def heights_of_cells(self, row: Indices, col: Indices) -> list[Float32[Array, "n skin_rows skin_cols"]]:
-        """Return the height of that skin under unit pressure, unit shear along x and unit shear along y on each of these cells."""
+    def heights_of_cells(self, row: Indices, col: Indices) -> Float32[Array, "n skin_rows skin_cols"]:
+        """Return the height of that skin under unit pressure on each of these cells."""
         rows, cols = self.forward.cells.shape
-        at = rows - 1 - row, cols - 1 - col  # the first window is the last cell's
-        return [windows[at] for windows in self._height_windows]
+        return self._height_windows[rows - 1 - row, cols - 1 - col]  # the first window is the last cell's
+
+    def heights_of_shear(self, shear: Float32[Array, "n rows cols"]) -> Float32[Array, "twice_n skin_rows skin_cols"]:
+        """Return the height of that skin under each of these fields of shear along x, then under each along y."""
+        shape, (rows, cols) = self.forward.cells.patch.shape, self.skin_indices
+        waves = forward_transform(shear, shape) * self.forward.compliance[1:, None]
+        return inverse_transform(waves, shape, shape)[:, :, rows[:, None], cols].reshape(-1, *self.skin_shape)
 
     def tangential_between_cells(self, row: Indices, col: Indices) -> Float32[Array, "5 n n"]:
         """Return the displacement of each of these cells (rows) by unit tractions on each of them (columns): along x and along y by
@@ -273,11 +286,10 @@ class InfluenceKernels:
         return values[np.ix_(*self.skin_indices)]
 
     @cached_property
-    def _height_windows(self) -> list[Float32[Array, "rows cols skin_rows skin_cols"]]:
-        """Windows into the kernels: one for each cell of the view."""
-        cells, around = self.forward.cells, self.forward.around
-        kernels = (influence_kernel(cells, each, around) for each in self.forward.compliance)
-        return [sliding_window_view(kernel, self.skin_shape) for kernel in kernels]
+    def _height_windows(self) -> Float32[Array, "rows cols skin_rows skin_cols"]:
+        """Windows into the response to pressure: one for each cell of the view."""
+        kernel = influence_kernel(self.forward.cells, self.forward.compliance[0], self.forward.around)
+        return sliding_window_view(kernel, self.skin_shape)
 
     @cached_property
     def _tangential_kernels(self) -> Float32[Array, "5 places"]:

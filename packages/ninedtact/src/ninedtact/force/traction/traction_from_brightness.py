@@ -62,8 +62,6 @@ class SolverSettings:
 
     max_iterations: int = 8
     """Largest number of linearisations without a previous result."""
-    max_warm_iterations: int = 2
-    """Largest number of linearisations that start from the result of the previous image."""
     max_qp_solves: int = 30
     """Largest number of linear solves for each quadratic programme."""
     target_decrement: float = 0.5
@@ -98,10 +96,10 @@ class InversionResult:
     tractions: Tractions
     skin: DeformedSkin
     """All skin under these tractions."""
-    linearised_about: Tractions
-    """The tractions about which the problem was linearised."""
+    guess: Tractions
+    """The tractions from which the last iteration started."""
     problem: LinearisedBrightnessProblem
-    """The problem as linearised in the last iteration."""
+    """The problem of the last iteration."""
     solution: QPSolution
     predicted: View
     """The observed signal of this skin."""
@@ -110,11 +108,11 @@ class InversionResult:
     newton_decrement: float
     """Upper bound of the distance to the optimum, in standard deviations of any sum of the unknowns."""
     pressure_change: float
-    """Change of the pressure in the last iteration, relative to its sum; or `STICKING_CHANGE` times that of the part of the shear
-    that friction bears, where that is larger."""
+    """Change of the pressure since the problem was linearised, relative to its sum; or `STICKING_CHANGE` times that of the part of
+    the shear that friction bears, where that is larger."""
     iterations: int
     step: float = 1.0
-    """Part of the way to this result by which the tractions about which the problem is linearised move."""
+    """Part of the way from the guess to this result at which the next iteration starts."""
 
     def distance_from(self, decrement: float, change: float) -> float:
         """Return the Newton decrement and the change of the pressure over these limits, the larger of the two."""
@@ -139,14 +137,22 @@ class TractionInversion:
         iterations from it stay farther from convergence than it: the result then does not depend on the previous image.
         """
         if last is not None and bool((last.tractions[0] * region).any()):
-            guess = replace(self._guess_after(last), iterations=0, predicted=None)
-            result = self._converge(observation, region, guess, self.solver.max_warm_iterations, last.step)
+            result = self._follow(observation, region, last)
             nearest = max(_WARM_SLACK * self._warm_distance(last), 1.0)
             if self._warm_distance(result) <= nearest and result.newton_decrement <= self.solver.max_trusted_decrement:
                 return result
-        return self._converge(
-            observation, region, self._guess_from_heights(observation, region), self.solver.max_iterations
-        )
+        return self._converge(observation, region)
+
+    def _follow(self, observation: ObservationOnCells, region: View, last: InversionResult) -> InversionResult:
+        """Iterate once with the problem of the previous image, which costs little, and once more, linearised there, where the
+        contact has moved or grown beyond the region of that problem."""
+        guess = replace(self._guess_after(last), iterations=0, predicted=None)
+        result = replace(self._iterate(observation, guess, last.problem, last.solution), step=last.step)
+        if self._distance(result) <= 1:
+            if (region <= last.problem.region).all():
+                return result
+            region = np.maximum(region, last.problem.region)  # noise at its border then does not make it grow again
+        return replace(self._linearise_and_iterate(observation, region, self._guess_after(result)), step=last.step)
 
     def _warm_distance(self, result: InversionResult) -> float:
         """Return how far a result is from one that the next image may start from."""
@@ -156,47 +162,61 @@ class TractionInversion:
         """Return how far a result is from convergence; at one and below, another iteration would hardly change it."""
         return result.distance_from(self.solver.target_decrement, self.solver.target_change)
 
-    def _converge(
-        self,
-        observation: ObservationOnCells,
-        region: View,
-        guess: InitialGuess,
-        max_iterations: int,
-        step: float = 1.0,
-    ) -> InversionResult:
-        """Iterate from a guess until the result has converged, or as often as allowed; return the result nearest to convergence.
+    def _converge(self, observation: ObservationOnCells, region: View) -> InversionResult:
+        """Iterate from the observed heights until the result has converged, or as often as allowed; return the result nearest to
+        convergence.
 
-        Where an iteration brings the result no nearer, the next ones linearise closer to where this one did: what finite strain
-        adds is not part of the derivative, and pressure would oscillate in deep presses.
+        Where an iteration brings the result no nearer, the next ones start closer to where this one did: what finite strain adds is
+        not part of the derivative, and pressure would oscillate in deep presses. Where the pressure has hardly changed since the
+        problem was linearised, the same problem serves again.
         """
-        result = best = replace(self._iterate(observation, region, guess), step=step)
-        while result.iterations < max_iterations and self._distance(result) > 1:
-            result = replace(self._iterate(observation, region, self._guess_after(result)), step=result.step)
-            if self._distance(result) < self._distance(best):
-                best = result
+        result = best = self._linearise_and_iterate(observation, region, self._guess_from_heights(observation, region))
+        while result.iterations < self.solver.max_iterations and self._distance(result) > 1:
+            step, guess = result.step, self._guess_after(result)
+            if result.pressure_change > self.solver.target_change:
+                result = self._linearise_and_iterate(observation, region, guess)
             else:
-                result = replace(result, step=max(result.step / 2, SMALLEST_STEP))
+                result = self._iterate(observation, guess, result.problem, result.solution)
+            is_better = self._distance(result) < self._distance(best)
+            result = replace(result, step=step if is_better else max(step / 2, SMALLEST_STEP))
+            best = result if is_better else best
         return best
 
     def _guess_after(self, result: InversionResult) -> InitialGuess:
-        """Return the guess a step of the way to a result from the tractions about which it was linearised."""
+        """Return the guess a step of the way to a result from its own guess."""
         tractions, skin, predicted = result.tractions, result.skin, result.predicted
         if result.step < 1:
-            about = result.linearised_about
-            tractions = about + np.float32(result.step) * (tractions - about)
+            tractions = result.guess + np.float32(result.step) * (tractions - result.guess)
             skin, predicted = self.forward.deform(tractions), None
         return InitialGuess(tractions, skin, result.misfit, result.iterations, predicted)
 
-    def _iterate(self, observation: ObservationOnCells, region: View, guess: InitialGuess) -> InversionResult:
-        """Compute one Gauss–Newton iteration: linearise, solve, and measure the remaining nonlinear residual."""
-        problem, sight = self._linearise(observation, region, guess), observation.sight
-        constant = guess.predicted
+    def _linearise_and_iterate(
+        self, observation: ObservationOnCells, region: View, guess: InitialGuess
+    ) -> InversionResult:
+        """Compute one Gauss–Newton iteration from a guess."""
+        return self._iterate(observation, guess, self._linearise(observation, region, guess))
+
+    def _iterate(
+        self,
+        observation: ObservationOnCells,
+        guess: InitialGuess,
+        problem: LinearisedBrightnessProblem,
+        last: QPSolution | None = None,
+    ) -> InversionResult:
+        """Solve a problem with the nonlinear residual of a guess, and measure the residual that remains.
+
+        last: a solution of this problem for another residual, where there is one.
+        """
+        constant, sight = guess.predicted, observation.sight
         if constant is None:
             constant = self.forward.observed_change(self.law, guess.skin, sight)
         constant = constant - self.forward.scatter(problem.slope * guess.skin.linear_mm)
         programme = problem.quadratic_programme(observation.change - constant)
-        free = problem.initially_free(guess.tractions[0])
-        solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves)
+        if last is None:
+            free, factor = problem.initially_free(guess.tractions[0]), None
+        else:
+            free, factor = last.free, last.factor
+        solution = solve_nonnegative_qp(programme, free, self.solver.max_qp_solves, factor)
         tractions = problem.tractions(solution.x)
         skin = self.forward.deform(tractions)
         predicted = self.forward.observed_change(self.law, skin, sight)
@@ -210,7 +230,7 @@ class TractionInversion:
             predicted,
             self._misfit(observation, predicted),
             problem.newton_decrement(solution, nonlinear) if solution.converged else np.inf,
-            _change(tractions, guess.tractions, problem.sticking_part),
+            _change(tractions, problem),
             guess.iterations + 1,
         )
 
@@ -228,7 +248,7 @@ class TractionInversion:
         whitener = self._whitener(observation, guess.misfit)
         sticking_part = _sticking_part(guess.tractions)
         return LinearisedBrightnessProblem(
-            self.kernels, self.discrete_prior, region, carries, slope, whitener, strain, sticking_part
+            self.kernels, self.discrete_prior, region, guess.tractions, carries, slope, whitener, strain, sticking_part
         )
 
     def _guess_from_heights(self, observation: ObservationOnCells, region: View) -> InitialGuess:
@@ -269,10 +289,10 @@ class TractionInversion:
         return DiscretePrior(self.forward.cells, self.prior)
 
 
-def _change(tractions: Tractions, before: Tractions, sticking_part: float) -> float:
-    """Return the change from the tractions and the part that sticks in the iteration before (`pressure_change`)."""
-    change = float(np.abs(tractions[0] - before[0]).sum()) / max(float(tractions[0].sum()), 1e-9)
-    return max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - sticking_part))
+def _change(tractions: Tractions, problem: LinearisedBrightnessProblem) -> float:
+    """Return the change since the problem was linearised (`InversionResult.pressure_change`)."""
+    change = float(np.abs(tractions[0] - problem.about[0]).sum()) / max(float(tractions[0].sum()), 1e-9)
+    return max(change, STICKING_CHANGE * abs(_sticking_part(tractions) - problem.sticking_part))
 
 
 def _sticking_part(tractions: Tractions) -> float:

@@ -14,7 +14,11 @@ from dataclasses import replace
 from functools import lru_cache
 from math import radians
 from pathlib import Path
+from typing import Annotated
 
+from msgspec import Meta
+
+from ninedtact.bounds_and_checked_reading import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball, Cone, Ellipsoid, FlatPunch, Indenter, LyingCylinder
@@ -66,13 +70,12 @@ def generate_objects(count: int = PAPER_COUNT, seed: int = 0) -> Iterator[Height
 
 
 @lru_cache(maxsize=256)
-def generate_object(name: str, seed: int = 0) -> HeightGridIndenter:
+@checks_arguments
+def generate_object(name: str, seed: Annotated[int, Meta(ge=0)] = 0) -> HeightGridIndenter:
     """Return one generated object, for example the seventh gear of a seed for `gear_07`; raises `InputError`.
 
     An object does not depend on which other objects are generated.
     """
-    if seed < 0:
-        raise InputError(expected="a seed of generated objects of zero or more", got=f"{seed}", remedy="give another")
     found = re.fullmatch(r"([a-z_]+?)_?(\d{1,9})", name)
     if found is None or found[1] not in FAMILIES or int(found[2]) < 1:
         raise InputError(
@@ -101,7 +104,8 @@ class MeshNotClosedWarning(UserWarning):
     """A warning for a mesh with holes: it is usable, but its inside may count where a hole faces the skin."""
 
 
-def indenter_from_name(text: str, seed: int = 0) -> Indenter:
+@checks_arguments
+def indenter_from_name(text: str, seed: Annotated[int, Meta(ge=0)] = 0) -> Indenter:
     """Return the indenter with this name; the seed is that of generated objects.
 
     Raises `InputError` with a list of what is accepted, or what the named kind of object raises.

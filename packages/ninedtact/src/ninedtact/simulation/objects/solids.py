@@ -204,15 +204,9 @@ def _cross(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of a cross: bars through the middle."""
     arms, width, length = sample.integer(3, 5), sample.between(0.8, 2.2), sample.between(5, 8)
     ends = polygon_corners(arms, length, sample.between(0, np.pi))
-    return flat_face(
-        np.minimum.reduce([rounded_rectangle_sdf(*_bar(grid, end), 2 * length, width, 0.2) for end in ends.tolist()]),
-        0.3,
-    )
-
-
-def _bar(grid: CoordinateGrid, end: list[float]) -> tuple[Heightfield, Heightfield]:
-    """Return the coordinates of the grid points in the frame of a bar through this point."""
-    return grid.rotated_axes(float(np.arctan2(end[1], end[0])))
+    frames = (grid.rotated_axes(float(np.arctan2(y, x))) for x, y in ends.tolist())
+    bars = [rounded_rectangle_sdf(*frame, 2 * length, width, 0.2) for frame in frames]
+    return flat_face(np.minimum.reduce(bars), 0.3)
 
 
 def _ring(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:

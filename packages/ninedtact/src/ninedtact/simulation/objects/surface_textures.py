@@ -250,15 +250,12 @@ def _fractal(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     return height * _noise(sample, grid, gain) + _plate(sample, grid)
 
 
-def _bands(sample: DimensionSampler, grid: CoordinateGrid, length_mm: float) -> Heightfield:
-    """Return the heights of stripes that branch and end: noise of nearly one wavelength."""
-    return _noise(sample, grid, np.exp(-(((_frequency(grid) * length_mm - 1) / 0.15) ** 2)))
-
-
 def _coral(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
     """Return the heights of winding walls with flat tops."""
     length, relief = sample.between(2, 5), sample.between(0.5, 1.2)
-    walls = (_bands(sample, grid, length) - sample.between(-0.4, 0.4)) * length / 6
+    # Noise of nearly one wavelength: stripes that branch and end.
+    bands = _noise(sample, grid, np.exp(-(((_frequency(grid) * length - 1) / 0.15) ** 2)))
+    walls = (bands - sample.between(-0.4, 0.4)) * length / 6
     return heights_raised_outside(walls, relief, 0.4) + _plate(sample, grid)
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from real_sensor_twins import REAL_FITS, RealFit, twins_of_real_fits
 
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.simulation.trajectory import ScriptedPress
-from ninedtact_train.population.real_sensor_twins import REAL_FITS, RealFit, twins_of_real_fits
 
 
 def test_there_are_six_by_name_and_they_are_the_same_every_time() -> None:
