@@ -38,13 +38,18 @@ def whole_levels(image: Image) -> Image:
     return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
+def noise_of(image: Image, sigma: float) -> Image:
+    """Return noise that is another one for every image: what two images share is taken for their skin."""
+    return np.random.default_rng(int(image.sum())).normal(0, sigma, image.shape)
+
+
 def light(image: Image, gain: object = 1.0, gamma: float = 1.0) -> Image:
     return whole_levels(255 * (image / 255) ** gamma * np.asarray(gain))
 
 
 def blur(image: Image, sigma_px: float, noise: float = 0.0) -> Image:
     soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), sigma_px)
-    return whole_levels(soft + np.random.default_rng(5).normal(0, noise, image.shape))
+    return whole_levels(soft + noise_of(image, noise))
 
 
 def move(image: Image, x: float, y: float, clockwise_deg: float = 0.0) -> Image:
@@ -52,7 +57,7 @@ def move(image: Image, x: float, y: float, clockwise_deg: float = 0.0) -> Image:
     matrix = cv2.getRotationMatrix2D(((cols - 1) / 2, (rows - 1) / 2), -clockwise_deg, 1)
     matrix[:, 2] += x, y
     there = cv2.warpAffine(image.astype(np.float32), matrix, (cols, rows), borderMode=cv2.BORDER_REFLECT)
-    return whole_levels(there + np.random.default_rng(1).normal(0, 0.5, image.shape))
+    return whole_levels(there + noise_of(image, 0.5))
 
 
 def flip(image: Image, code: int) -> Image:
@@ -78,7 +83,7 @@ def jpeg(image: Image, quality: int) -> Image:
 
 
 def noisy(image: Image, sigma: float) -> Image:
-    return whole_levels(image + np.random.default_rng(2).normal(0, sigma, image.shape))
+    return whole_levels(image + noise_of(image, sigma))
 
 
 EDITS: dict[str, dict[str, Edit]] = {
@@ -117,6 +122,7 @@ EDITS: dict[str, dict[str, Edit]] = {
         "green": partial(light, gain=(1.0, 1.09, 1.0)),
     },
     "dim": {f"× {k:g}": partial(light, gain=k) for k in (0.55, 0.4, 0.48, 0.33)},
+    "compressed": {f"JPEG {quality}": partial(jpeg, quality=quality) for quality in (40, 20)},
 }
 UNSEEN = {
     "out of focus": {"σ 2.7 px", "σ 5.2 px", "σ 7.5 px"},
@@ -131,15 +137,16 @@ UNSEEN = {
 """Strengths that were drawn after all limits had been chosen."""
 OF_SETS: dict[str, tuple[tuple[str, ...], ...]] = {
     "fine": (PAIRS[0] + PAIRS[1],),
-    "out of focus": (PAIRS[0] + PAIRS[1], PAIRS[1], ("ball",)),
+    "out of focus": (PAIRS[0] + PAIRS[1], PAIRS[1], ("ball",), ("board_reference",)),
     "gain changed": (PAIRS[1], ("ball",)),
     "gamma changed": (PAIRS[1],),
-    "camera moved": (PAIRS[1],),
-    "image mirrored": (PAIRS[1],),
+    "camera moved": (PAIRS[1], ("ball",)),
+    "image mirrored": (PAIRS[1], ("board",), ("ball",)),
     "dirt or damage": (PAIRS[1], ("ball",)),
     "light uneven": (PAIRS[1],),
     "light colour changed": (PAIRS[1],),
     "dim": (PAIRS[0] + PAIRS[1],),
+    "compressed": (PAIRS[0] + PAIRS[1],),
 }
 """The images of a calibration that have the fault. A failed LED or a gamma between an image and the next is not tried."""
 

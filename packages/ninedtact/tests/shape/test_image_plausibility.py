@@ -201,14 +201,6 @@ def test_a_dragged_press_is_no_change_of_the_light(twin_sensor: SensorFolder) ->
         assert reading.light.level < 0.993 and reading.light.gain == 1 and not reading.light.warnings
 
 
-def test_gel_brightens_no_more_than_it_is_darkened(twin_sensor: SensorFolder) -> None:
-    """Gel rises by more than 30 % in the hole of a nut that is pressed hard."""
-    twin = default_twin()
-    reference = twin.renderer(None, 1)
-    press = twin.press(None, indenter_from_name("nut_13"), Pose(0, 0, 1.4))
-    assert warnings_of(twin_sensor, reference, twin.renderer(press.corrected, 2)) == ()
-
-
 def test_no_correction_of_the_light_makes_another_sensor_plausible(
     sensor_a: SensorFolder, real_images: dict[str, CalibrationImages]
 ) -> None:

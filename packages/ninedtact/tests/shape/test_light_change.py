@@ -174,6 +174,20 @@ def test_presses_of_real_sensors_are_neither_dirt_nor_bands(sensor_a: SensorFold
         assert not read.light.warnings
 
 
+def test_a_hair_across_the_view_of_a_real_press_is_dirt(sensor_a: SensorFolder, real_data: object) -> None:
+    """It is taken out, however long it is."""
+    folder = real_data / "sensor_a"  # type: ignore[operator]
+    reader = sensor_a.shape.depth_reader(Frame(read_image(folder / "ball_reference.png")))
+    ball = read_image(folder / "ball.png")
+    hair = cv2.polylines(
+        np.zeros(ball.shape[:2], np.float32), [np.array([[60, 90], [330, 240], [580, 420]])], False, 1, 2
+    )
+    hairy = np.rint(ball * (1 - 0.4 * cv2.GaussianBlur(hair, (0, 0), 0.8))[..., None]).astype(np.uint8)
+    before, after = (read_frame(Frame(image), sensor_a.shape, reader) for image in (ball, hairy))
+    assert EstimateWarning.DIRT in after.light.warnings and not before.light.warnings
+    assert after.max_indentation_mm == pytest.approx(before.max_indentation_mm, rel=0.03)
+
+
 @pytest.mark.parametrize("gain", [0.95, 1.02, 1.05])
 def test_a_real_press_in_other_light_has_its_depth_and_says_why(
     gain: float, sensor_a: SensorFolder, real_data: object

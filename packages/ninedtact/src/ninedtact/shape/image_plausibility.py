@@ -30,8 +30,8 @@ _DARKEST_MEDIAN = 0.6
 _MEDIAN_RANGE = 0.8, 1.2
 """Median brightness relative to the reference image; wide deep presses dim the whole image by up to a tenth."""
 _MAX_BRIGHTENING = 1.3
-"""Brightness relative to the reference image above which gel bulges only where it is darkened by more elsewhere."""
-_EXTREME_PERCENTILES = 0.5, 99.5
+"""Brightness relative to the reference image above which gel cannot bulge."""
+_BRIGHT_PERCENTILE = 99.5
 _MAX_MEAN_HEIGHT_MM = 0.25
 """Largest mean height of the view, either way: gel that is pressed in bulges elsewhere, and little of it beyond the view."""
 _UNCHANGED_SHARE = 0.6
@@ -111,10 +111,9 @@ def find_image_warnings(
     median = float(np.median((now / then)[seen]))
     mean_height_mm = float(_shrink(height.z_mm)[seen].mean())
     is_corrected = (light.gain, light.gamma) != (1, 1)
-    darkest, brightest = np.percentile(ratio[seen], _EXTREME_PERCENTILES)
     differs = (
         not _MEDIAN_RANGE[0] <= median <= _MEDIAN_RANGE[1]
-        or brightest > max(_MAX_BRIGHTENING, 1 / max(darkest, 1e-3))
+        or np.percentile(ratio[seen], _BRIGHT_PERCENTILE) > _MAX_BRIGHTENING
         or not _has_same_structure(np.log(np.maximum(now, 1)), np.log(then), seen)
     )
     if knows_depth:
