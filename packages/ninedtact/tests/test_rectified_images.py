@@ -138,6 +138,17 @@ def test_reference_images_end_before_a_wide_contact_that_is_hardly_above_their_n
     assert choose_reference_frames(frames, frames[untouched:]) == tuple(frames[: untouched - 1])
 
 
+def test_a_contact_is_told_from_free_skin_between_black_borders() -> None:
+    rng = np.random.default_rng(0)
+    x, y = np.meshgrid(np.arange(COLS) - COLS / 2, np.arange(ROWS) - ROWS / 2)
+    dent = 0.06 * np.exp(-(x**2 + y**2) / 200)
+    images = [120 * (1 - dent * (at >= 10)) + rng.normal(0, 1, dent.shape) for at in range(20)]
+    grey = [np.pad(np.rint(image).astype(np.uint8), ((0, 0), (8, 8))) for image in images]
+    frames = [Frame(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), 0, at) for at, image in enumerate(grey)]
+    free, pressed = frames[:10], frames[10:]
+    assert choose_reference_frames(free, pressed)[0] is free[0] and choose_reference_frames(pressed, free)[0] is free[0]
+
+
 def test_the_images_of_a_lamp_that_flickers_have_one_brightness_without_contact(drag: Drag, tmp_path: Path) -> None:
     light = 1 + np.random.default_rng(3).normal(0, 0.015, len(drag.images))
     images = [np.asarray(np.rint(image * factor), np.uint8) for image, factor in zip(drag.images, light, strict=True)]

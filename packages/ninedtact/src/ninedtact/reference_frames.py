@@ -27,6 +27,8 @@ _MOST_CHANGE = 0.008
 """The same that no compression makes."""
 _ALIKE_CHANGE = 0.01
 """Largest relative change of a cell up to which the beginning and the end of a sequence show the same."""
+_MORE_DETAIL = 1.01
+"""Detail of the beginning over that of the end from which the beginning shows a contact: it is more often free than the end."""
 _DETAIL_CELLS = 2.0
 """Standard deviation, in cells, of the smoothing that keeps the pattern of the light and removes the edges of a contact."""
 _DARK = 0.5
@@ -82,7 +84,7 @@ def choose_reference_frames(first: Sequence[Frame], last: Sequence[Frame]) -> tu
     skin = _shows_skin(first_cells) & _shows_skin(last_cells)
     change = np.abs(_relative_change(last_cells, first_cells)[skin])
     is_alike = float(change.max(initial=0.0)) < _ALIKE_CHANGE
-    is_first = is_alike or _fine_detail(first_cells, skin) <= _fine_detail(last_cells, skin)
+    is_first = is_alike or _fine_detail(first_cells, skin) < _MORE_DETAIL * _fine_detail(last_cells, skin)
     return beginning if is_first else ending[::-1]
 
 
