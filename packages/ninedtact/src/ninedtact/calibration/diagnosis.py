@@ -139,6 +139,9 @@ def _find_blurred_reference(board: ImagePair, ball: ImagePair) -> ProbableCause 
     seen = {"board": measure_sharpness(ball, board[0]), "ball": measure_sharpness(board, ball[0])}
     lost = [name for name, sharpness in seen.items() if sharpness is not None and sharpness.is_lost]
     if len(lost) == len(seen):
+        mirrored = _find_flip(ball[0], board[0], board, "the image before the ball")
+        if mirrored is not None:
+            return mirrored
         because = "the images of the ball show the skin at another place or scale than those of the board"
         return ProbableCause(
             "camera moved", because, "keep camera, zoom and mode as they are, and take all images again"
@@ -157,10 +160,9 @@ def _judge_press(name: str, pair: ImagePair, pairs: dict[str, ImagePair]) -> Pro
     grey, reference = to_grey_float(under), to_grey_float(before)
     if not is_lost and not shows_another_skin(grey, reference):
         return _find_changed_light(name, pair)
-    for way, code in FLIPS.items():
-        if _shows_skin(cv2.flip(under, code), before, known):
-            because = f"the image of the {name} shows the skin before it {way}"
-            return ProbableCause("image mirrored", because, "keep the camera's rotation and mirroring as they are")
+    mirrored = _find_flip(under, before, known, f"the image of the {name}")
+    if mirrored is not None:
+        return mirrored
     motion, shift_px = measure_skin_motion(before, under), find_detail_shift(before, under)
     for distance_px, there in (
         (motion.distance_px, motion.undone(under)),
@@ -178,6 +180,15 @@ def _judge_press(name: str, pair: ImagePair, pairs: dict[str, ImagePair]) -> Pro
             "take all images of one sensor",
         )
     return _out_of_focus(f"the image of the {name} lacks detail that the one before it has")
+
+
+def _find_flip(image: BgrImage, before: BgrImage, known: ImagePair, name: str) -> ProbableCause | None:
+    """Return that an image shows the skin of another one flipped."""
+    way = next((way for way, code in FLIPS.items() if _shows_skin(cv2.flip(image, code), before, known)), None)
+    if way is None:
+        return None
+    because = f"{name} shows the skin of the other images {way}"
+    return ProbableCause("image mirrored", because, "keep the camera's rotation and mirroring as they are")
 
 
 def _shows_skin(image: BgrImage, before: BgrImage, known: ImagePair) -> bool:
