@@ -278,7 +278,10 @@ def test_the_delay_of_another_camera_is_not_subtracted(
             "--source sim --sensor SENSOR --out x.mcap --camera-delay-ms saved",
             "measure it with 'ninedtact camera-delay",
         ),
-        ("--source sim --sensor SENSOR --out x.mcap --camera-delay-ms nan", "--camera-delay-ms to be a number, got nan"),
+        (
+            "--source sim --sensor SENSOR --out x.mcap --camera-delay-ms nan",
+            "--camera-delay-ms to be a number, got nan",
+        ),
     ],
 )
 def test_wrong_use_is_one_sentence_and_leaves_nothing(
