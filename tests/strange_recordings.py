@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
 from damage import damaged_bytes, damaged_text
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 
 Record = tuple[int, bytes]
 NUMBERS = st.sampled_from((0, 1, 2, 255, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1))

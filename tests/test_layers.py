@@ -20,7 +20,8 @@ LAYERS = {
         {"_version", "errors"},
         {
             "atomic_write",
-            "bounds_and_checked_reading",
+            "bounds",
+            "checked_reading",
             "csv_table",
             "limited_process",
             "page_template",

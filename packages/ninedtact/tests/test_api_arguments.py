@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ninedtact
-from ninedtact.bounds_and_checked_reading import _PublicNames
+from ninedtact.bounds import _PublicNames
 from ninedtact.errors import InputError
 
 NUMBERS = BeartypeConf(is_pep484_tower=True)

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 import pytest
 from msgspec import Meta, ValidationError
 
-from ninedtact.bounds_and_checked_reading import convert_tables_to_class, require_within_bounds
+from ninedtact.bounds import require_within_bounds
+from ninedtact.checked_reading import convert_tables_to_class
 from ninedtact.errors import InputError
 
 _Weight = Annotated[float, Meta(ge=0, le=1)]

@@ -218,7 +218,7 @@ def test_a_torque_is_told_about_the_point_that_was_asked_for(desk: Path, capsys:
 def test_a_point_of_torques_that_is_nowhere_is_refused(coordinate: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["estimate", "--sensor", "my_sensor", "--reference", "reference.png", "press.png"]
     assert main([*words, "--about-mm", coordinate, "0", "-35"]) == 1
-    assert "expected about_mm from -1e+06 to 1e+06, got" in capsys.readouterr().err
+    assert "expected --about-mm from -1e+06 to 1e+06, got" in capsys.readouterr().err
 
 
 def test_an_image_that_is_not_estimated_is_null_in_json_and_says_so_in_text(

@@ -12,7 +12,7 @@ from itertools import product
 from math import asin, hypot, radians, sin, sqrt, tan
 from typing import Literal
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, DesignImpossible, SensorDesign
 from ninedtact_hardware.part_dimensions import (
     ORIGINAL_BASE,

@@ -15,8 +15,8 @@ from ninedtact.atomic_write import (
     refuse_working_directory,
     write_file_atomically,
 )
-from ninedtact.bounds_and_checked_reading import read_json_object
 from ninedtact.capture.strict_image_reading import encode_png
+from ninedtact.checked_reading import read_json_object
 from ninedtact.errors import OutputError
 from ninedtact_hardware.bill_of_materials import bill_to_csv, bill_to_html
 from ninedtact_hardware.buildable_design import BuildableDesign

@@ -16,7 +16,7 @@ from built_sets import built_from, full_disk, references_in, rows_in, sources_at
 from little_sources import LittleTree, little_episode, little_tree
 
 from ninedtact.atomic_write import FileNotWritten
-from ninedtact.bounds_and_checked_reading import mapping_checksum
+from ninedtact.checked_reading import mapping_checksum
 from ninedtact.design import rectified_mm_per_px
 from ninedtact.errors import DatasetError, FileFormatError, InputError, OutputError
 from ninedtact.recording.attached_sensor import read_folder_files

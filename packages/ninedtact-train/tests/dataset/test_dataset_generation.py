@@ -16,7 +16,7 @@ import trimesh
 import tyro
 from built_sets import TWINS, decoded, references_in, rows_in
 
-from ninedtact.bounds_and_checked_reading import mapping_checksum
+from ninedtact.checked_reading import mapping_checksum
 from ninedtact.errors import InputError, OutputError
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.recording.attached_sensor import read_folder_files

@@ -10,13 +10,8 @@ import msgspec
 import tomli_w
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import (
-    checks_arguments,
-    convert_tables_to_class,
-    parse_toml,
-    read_text_file,
-    require_within_bounds,
-)
+from ninedtact.bounds import checks_arguments, require_within_bounds
+from ninedtact.checked_reading import convert_tables_to_class, parse_toml, read_text_file
 from ninedtact.errors import FileFormatError, InputError
 
 ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX = 1.49, 1.41

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.source_addresses import RECORDING_SUFFIX, load_recorded_sensor, source_for
 

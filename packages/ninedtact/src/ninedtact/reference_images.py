@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.frame_source import FrameSource
 from ninedtact.force.contact_detection import find_faint_contact, measure_darkening_and_limit, measure_even_noise
 from ninedtact.quantities import Frame, Rectified, WrenchEstimate, diagonal_covariance

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.frame_source import FrameSource, SourceEnded, require_frame
 from ninedtact.errors import CalibrationError
 from ninedtact.force.estimator_and_scale import ForceEstimator, NoForceEstimator

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from ninedtact import Frame, Wrench
-from ninedtact.bounds_and_checked_reading import parse_toml
 from ninedtact.capture.strict_image_reading import decode_image_file
+from ninedtact.checked_reading import parse_toml
 from ninedtact.cli import main
 from ninedtact.csv_table import to_csv
 from ninedtact.errors import FileFormatError, NinedtactError

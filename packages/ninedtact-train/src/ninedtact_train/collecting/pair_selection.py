@@ -15,7 +15,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 from tyro.conf import Suppress, arg
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Frame, Wrench

@@ -14,7 +14,7 @@ from jaxtyping import Float64
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 

@@ -20,8 +20,8 @@ import msgspec
 from tyro.conf import arg
 
 from ninedtact.atomic_write import write_file_atomically, write_files_atomically
-from ninedtact.bounds_and_checked_reading import read_regular_file
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
+from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.parallel_jobs import DaskCluster, Workers, require_workers, run_writing_jobs
 from ninedtact_train.dataset.checks import FileCheck, PairCheckSettings, check_pair_file, combine_file_checks

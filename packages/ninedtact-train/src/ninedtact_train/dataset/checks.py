@@ -18,7 +18,7 @@ from jaxtyping import UInt8
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.force.brightness_channels import format_image_size
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object
 from ninedtact.errors import DatasetError, FileFormatError
 
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from ninedtact.atomic_write import FileNotWritten, is_partial_file, write_file_atomically
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
 from ninedtact.calibration.sensor_folder import SENSOR_FILE
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum, read_json_object, read_text_file
 from ninedtact.errors import DatasetError, FileFormatError, OutputError
 from ninedtact_train.dataset.parquet_files import require_pair_columns
 from ninedtact_train.dataset.schema import DATASET_FORMAT

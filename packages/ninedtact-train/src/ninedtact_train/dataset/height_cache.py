@@ -18,7 +18,7 @@ from numpy import ndarray as Array
 
 from ninedtact._version import __version__
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import NO_OBJECT
 from ninedtact.shape.orthorectification import SkinGrid, orthorectified_heights

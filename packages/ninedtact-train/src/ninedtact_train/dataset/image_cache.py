@@ -26,7 +26,7 @@ from jaxtyping import Int32, UInt8
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import is_partial_file, open_atomic_file, write_file_atomically
-from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact_train.dataset.folder import REFERENCES_FILE, find_pair_files, make_folder
 from ninedtact_train.dataset.parquet_files import (

@@ -27,7 +27,8 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import read_regular_file, require_within_bounds
+from ninedtact.bounds import require_within_bounds
+from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import NO_OBJECT
 

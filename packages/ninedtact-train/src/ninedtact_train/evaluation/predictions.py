@@ -23,7 +23,7 @@ from numpy import ndarray as Array
 from pyarrow import csv
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.bounds_and_checked_reading import read_text_file
+from ninedtact.checked_reading import read_text_file
 from ninedtact.errors import FileFormatError
 from ninedtact.quantities import NO_OBJECT, WRENCH_AXES
 

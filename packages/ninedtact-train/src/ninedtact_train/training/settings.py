@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import InputError
 from ninedtact.force.network_input import InputChannels, NetworkInputSettings, full_resolution_input_settings

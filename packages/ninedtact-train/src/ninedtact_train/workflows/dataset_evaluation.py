@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 from tqdm import tqdm
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.calibration.force_calibration import estimated_load_n
 from ninedtact.calibration.gel_fit_to_known_loads import ForceScaleImpossible, KnownLoadPress, fit_known_loads
 from ninedtact.design import ForceTorqueMount

@@ -16,7 +16,7 @@ from itertools import chain
 from msgspec import structs
 from threadpoolctl import threadpool_limits
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.calibration.ball.ball_fit import TwinBallFit, fit_ball, fit_ball_by_physics
 from ninedtact.calibration.ball.ball_press import BallFit, find_ball_press
 from ninedtact.calibration.ball.contact_circle import BallPressUnusable, reference_mismatch_warnings

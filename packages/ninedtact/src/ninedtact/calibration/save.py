@@ -18,7 +18,7 @@ from ninedtact.atomic_write import (
     refuse_working_directory,
     write_file_atomically,
 )
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.calibration.certificate.checks import has_failed_checks
 from ninedtact.calibration.certificate.html_page import render_certificate_html, replace_force_section
 from ninedtact.calibration.original_9dtact.folder_format import ORIGINAL_FILES
@@ -30,6 +30,7 @@ from ninedtact.calibration.sensor_toml_schema import (
     sensor_record_checksum,
     sensor_record_tables,
 )
+from ninedtact.checked_reading import CHECKSUM_KEY
 from ninedtact.errors import OutputError
 from ninedtact.quantities import BgrImage
 

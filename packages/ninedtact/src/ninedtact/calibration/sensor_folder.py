@@ -15,15 +15,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import (
-    CHECKSUM_KEY,
-    checks_arguments,
-    convert_tables_to_class,
-    mapping_checksum,
-    parse_toml,
-    read_regular_file,
-    read_text_file,
-)
+from ninedtact.bounds import checks_arguments
 from ninedtact.calibration.sensor_toml_schema import (
     NOT_CALIBRATED,
     SENSOR_FORMAT,
@@ -36,6 +28,14 @@ from ninedtact.calibration.sensor_toml_schema import (
     sensor_record_checksum,
 )
 from ninedtact.capture.strict_image_reading import read_image
+from ninedtact.checked_reading import (
+    CHECKSUM_KEY,
+    convert_tables_to_class,
+    mapping_checksum,
+    parse_toml,
+    read_regular_file,
+    read_text_file,
+)
 from ninedtact.design import Gel
 from ninedtact.errors import CalibrationError, FileFormatError, NinedtactError
 from ninedtact.mechanics.base_deflection import BaseDeflection

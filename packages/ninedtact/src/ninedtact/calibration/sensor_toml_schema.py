@@ -12,7 +12,8 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct, field
 
-from ninedtact.bounds_and_checked_reading import mapping_checksum, require_within_bounds
+from ninedtact.bounds import require_within_bounds
+from ninedtact.checked_reading import mapping_checksum
 from ninedtact.design import Gel, SecondKind, SensorDesign
 from ninedtact.errors import UNPRINTABLE, InputError
 from ninedtact.force.estimator_and_scale import WIDEST_FACTOR

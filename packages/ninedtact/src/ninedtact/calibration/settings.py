@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from ninedtact.bounds_and_checked_reading import checks_arguments, require_within_bounds
+from ninedtact.bounds import checks_arguments, require_within_bounds
 from ninedtact.shape.depth import DepthMethod, Smoothing
 
 LensKind = Literal["model", "paper"]

@@ -24,14 +24,14 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import (
+from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
+from ninedtact.checked_reading import (
     CHECKSUM_KEY,
     convert_tables_to_class,
     mapping_checksum,
     parse_toml,
     read_text_file,
 )
-from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.errors import CameraError, FileFormatError, InputError
 from ninedtact.quantities import Frame
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.frame_source import FrameSource, FrameSourceWrapper, SourceIncomplete, SourceNotOpen
 from ninedtact.errors import CameraError
 from ninedtact.quantities import Frame

@@ -18,7 +18,7 @@ from weakref import ReferenceType, ref
 
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import checks_arguments, describe_value
+from ninedtact.bounds import checks_arguments, describe_value
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, read_image, require_image_size
 from ninedtact.errors import CameraError, FileFormatError
 from ninedtact.quantities import Frame

@@ -17,7 +17,7 @@ from jaxtyping import Shaped, UInt8
 from numpy import ndarray as Array
 from PIL import Image, UnidentifiedImageError
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.errors import FileFormatError
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")

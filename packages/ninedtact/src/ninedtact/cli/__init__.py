@@ -180,7 +180,7 @@ def _parse_command(commands: Any, description: str | None, arguments: Sequence[s
         registry=_plain_help_registry(repeatable),
         config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
     )
-    from ninedtact.bounds_and_checked_reading import require_options_within_bounds
+    from ninedtact.bounds import require_options_within_bounds
 
     _require_each_option_once(arguments, repeatable)
     require_options_within_bounds(command)

@@ -21,7 +21,7 @@ import tomli_w
 from msgspec import Meta
 
 from ninedtact.atomic_write import open_atomic_file
-from ninedtact.bounds_and_checked_reading import (
+from ninedtact.checked_reading import (
     CHECKSUM_KEY,
     convert_tables_to_class,
     mapping_checksum,

@@ -21,7 +21,7 @@ from jaxtyping import Float32
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.design import PUBLISHED_MM_PER_PX, Gel, RectifiedImageSize, SensingArea
 from ninedtact.errors import ForceEstimationError
 from ninedtact.force.brightness_channels import (

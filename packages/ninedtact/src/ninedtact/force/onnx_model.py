@@ -17,7 +17,7 @@ from msgspec import Meta, Struct
 from numpy import ndarray as Array
 
 from ninedtact._version import installation_command
-from ninedtact.bounds_and_checked_reading import convert_tables_to_class, read_regular_file
+from ninedtact.checked_reading import convert_tables_to_class, read_regular_file
 from ninedtact.errors import FileFormatError, NinedtactError
 from ninedtact.force.network_input import NetworkInputSettings
 from ninedtact.force.out_of_distribution import StatisticRange

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.mechanics.numpy_or_torch_arrays import ScalarPerContact, array_namespace_of, expand_over_grid
 

@@ -17,7 +17,7 @@ from mcap.records import Metadata
 from msgspec import Meta
 
 from ninedtact._version import __version__
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.errors import OutputError, printable_text
 from ninedtact.recording.errors import RecordingUnreadable
 

@@ -15,7 +15,7 @@ from jaxtyping import Float32, Int64, UInt8
 from mcap.records import Message
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.frame_source import SourceIncomplete
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import Frame, Rectified, Wrench, WrenchEstimate

@@ -22,7 +22,8 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import checks_arguments, read_regular_file
+from ninedtact.bounds import checks_arguments
+from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError, OutputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud
 from ninedtact.shape.surface import point_cloud, require_mesh_spacing, surface_mesh, triangulate_view

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.quantities import HeightMap, HeightSource, skin_grid_mm
 
 Grid = Float32[Array, "rows cols"]

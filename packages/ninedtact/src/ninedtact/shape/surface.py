@@ -20,7 +20,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.quantities import HeightMap, HeightSource, Mesh, PointCloud, skin_grid_mm
 from ninedtact.shape.deblurring import block_means

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.frame_source import SourceEnded
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_result import Contact

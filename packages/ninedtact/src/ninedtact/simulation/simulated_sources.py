@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.frame_source import FrameSource, SourceNotOpen
 from ninedtact.capture.wrench_source import WrenchSource
 from ninedtact.design import ForceTorqueMount

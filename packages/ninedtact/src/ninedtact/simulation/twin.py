@@ -17,7 +17,7 @@ from zlib import crc32
 import numpy as np
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.design import ACRYLIC_REFRACTIVE_INDEX, SILICONE_REFRACTIVE_INDEX, Gel, SensorDesign
 from ninedtact.errors import SimulationError
 from ninedtact.mechanics.contact_model import ContactModel, SolverSettings

@@ -24,8 +24,8 @@ from warnings import warn
 import numpy as np
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.capture.strict_image_reading import encode_png
+from ninedtact.checked_reading import CHECKSUM_KEY, mapping_checksum
 from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_model import SolverSettings
 from ninedtact.parallel_jobs import DaskCluster, Workers, require_workers, run_writing_jobs

@@ -12,7 +12,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 from tyro.conf import Suppress, arg
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact_train.collecting.training_pair_rule import PairKindShares, SamplingRuleSettings
 from ninedtact_train.population.mechanics_shares import MechanicsShares

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float64, Shaped, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.capture.strict_image_reading import encode_png
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.errors import FileFormatError
 from ninedtact_train.dataset.fault_report import PairFault, PairFinding
 from ninedtact_train.dataset.schema import DatasetRow, ReferenceImage, SourceItem

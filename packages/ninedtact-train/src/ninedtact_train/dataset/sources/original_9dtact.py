@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.capture.frame_source import natural_sort_key
 from ninedtact.capture.strict_image_reading import IMAGE_SUFFIXES, encode_png, read_image
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.design import ForceTorqueMount
 from ninedtact.errors import FileFormatError, InputError, NinedtactError
 from ninedtact.force.brightness_channels import NotAMixedImage, deformation_from_mixed_image, to_whole_grey_levels

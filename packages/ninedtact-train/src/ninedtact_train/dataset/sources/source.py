@@ -13,7 +13,7 @@ from jaxtyping import Float32, Float64
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.bounds_and_checked_reading import require_within_bounds
+from ninedtact.bounds import require_within_bounds
 from ninedtact.capture.frame_source import natural_sort_key
 from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench

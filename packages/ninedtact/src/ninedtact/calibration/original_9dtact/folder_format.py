@@ -22,8 +22,8 @@ from numpy import ndarray as Array
 from scipy.optimize import isotonic_regression
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds_and_checked_reading import NPY_READ_ERRORS
 from ninedtact.calibration.ball.contact_circle import MIN_PRESS_DEPTH_MM
+from ninedtact.checked_reading import NPY_READ_ERRORS
 from ninedtact.design import RectifiedImageSize
 from ninedtact.errors import FileFormatError
 from ninedtact.shape.lens_and_rectification import OUT_OF_VIEW_PX

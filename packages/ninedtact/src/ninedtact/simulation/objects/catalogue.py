@@ -18,7 +18,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from ninedtact.bounds_and_checked_reading import checks_arguments
+from ninedtact.bounds import checks_arguments
 from ninedtact.errors import InputError
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
 from ninedtact.mechanics.indenter import Ball, Cone, Ellipsoid, FlatPunch, Indenter, LyingCylinder
