@@ -5,8 +5,9 @@ From image to image the object itself shows how far it carries the skin along: w
 gel tells the shear that this takes, up to what friction holds (`mechanics.friction`). Shear that was there before the object was
 first seen is not known, so that a contact counts from its beginning.
 
-Fields lie on a grid that moves and turns with the object: what sticks stays at its place on it. All are computed for three friction
-coefficients, the nodes of a Gauss–Hermite quadrature over what is known of the logarithm of friction.
+Fields lie on a grid that moves and turns with the object: what sticks stays at its place on it. All are computed for some friction
+coefficients. Each is as likely as it was beforehand, times how well it predicts the load along the skin that the images show. Unlike
+a twist, they show this load well: it rises to what friction holds, and while all slides it is just that.
 """
 
 from dataclasses import dataclass, field, replace
@@ -15,25 +16,26 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
-from scipy.special import ndtr
+from scipy.interpolate import make_interp_spline
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, slip_mask, solve_shear
-from ninedtact.mechanics.numpy_or_torch_arrays import sum_over_grid
 from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.tracking.object_tracker import ObjectMotion
 from ninedtact.tracking.sliding_load import skin_of, square_grid
-from ninedtact.tracking.sliding_springs import FRICTION_PRIOR, FRICTION_PRIOR_WIDTH, KNOWN_FRICTION_WIDTH
+from ninedtact.tracking.sliding_springs import friction_log_prior
 from ninedtact.tracking.slip import INCIPIENT_SHARE
 
-_NODES, _WEIGHTS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
-"""Nodes of the quadrature in standard deviations, and their weights."""
+_SOLVED_FRICTION = np.geomspace(0.1, 2.5, 5).astype(np.float32)
+"""Coefficients for which shear is computed."""
+_FRICTION = np.geomspace(0.1, 2.5, 41)
+"""Coefficients that are weighed; between those above, what depends on them is interpolated."""
 _SEEN_STD_RAD = 0.05
 """Standard deviation of a turn up to which it is seen."""
-_TORQUE_ERROR, _LEAST_TORQUE_ERROR = 0.3, 0.02
+_ERROR, _LEAST_ERROR = 0.3, 0.02
 """Error of the torque over itself, and over the load times the radius of gyration: pressure is blurred, and covers more of the skin
-than the object does. Found on a simulated gear, cross, key, star and letter."""
+than the object does. Found on a simulated gear, cross, key, star and letter. The load along the skin has the same, over the load."""
 _USUAL_TWIST = 0.3
 """Torque of a twist for which the errors of single images are stated (`force.hidden_twist`), over load times radius of gyration."""
 _LEAST_TURN = 0.1
@@ -58,7 +60,7 @@ class CarriedShear:
     radius_mm: float
     """Radius of gyration of the pressure about the centre."""
     sticking_share: float
-    """Share of the contact that sticks, weighted by pressure, at the likeliest friction."""
+    """Share of the contact that sticks, weighted by pressure: mean over what friction may be."""
     p_incipient: float
     """Probability that less than `INCIPIENT_SHARE` of it sticks."""
 
@@ -123,17 +125,21 @@ class CarriedSkin:
     """Place of the grid's middle when the path began."""
     _yaw_rad: float = field(default=0.0, init=False)
     """Turn of the grid when the path began."""
+    _log_likelihood: Float[Array, " frictions"] = field(default_factory=lambda: np.zeros(len(_FRICTION)), init=False)
+    """That of every coefficient by the image that speaks against it most: the errors of all images are alike."""
 
     def release(self) -> None:
         """Forget the contact."""
-        self._last = self._shear = None
+        self._last, self._shear, self._log_likelihood = None, None, np.zeros(len(_FRICTION))
 
-    def update(self, motion: ObjectMotion, traction: Traction, friction: float) -> CarriedShear | None:
+    def update(
+        self, motion: ObjectMotion, traction: Traction, tangential_n: Float[Array, "2"], friction: float
+    ) -> CarriedShear | None:
         """Return what the motion since the contact began tells; None where it is not seen, and under less than two cells of
         pressure, which bear no torque.
 
         Where another path begins meanwhile, the skin is as the last one left it.
-        friction: coefficient; not a number where it is not known.
+        tangential_n: load along the skin that the image shows. friction: coefficient; not a number where it is not known.
         """
         if not motion.is_known or not motion.std[5] < _SEEN_STD_RAD or not traction.pressure_mpa.max() > 0:
             return None
@@ -150,12 +156,17 @@ class CarriedSkin:
         pressure_mpa = _sample(traction, now.points_mm)
         if np.count_nonzero(pressure_mpa) < 2:
             return None
-        limit = FrictionLimit(_friction_coefficients(friction)[:, None, None] * pressure_mpa)
-        tolerance_mm = np.full((len(_NODES), 1, 1), _TOLERANCE_MM, np.float32)
+        limit = FrictionLimit(_SOLVED_FRICTION[:, None, None] * pressure_mpa)
+        tolerance_mm = np.full((len(_SOLVED_FRICTION), 1, 1), _TOLERANCE_MM, np.float32)
         operators = skin_of(now.grid, traction.gel).operators
         self._shear = solve_shear(operators, target_mm, limit, self._shear, tolerance_mm, _MAX_ITERATIONS)
         self._last = now
-        return _summarise(now, pressure_mpa, limit, self._shear.shear_mpa, traction.gel, float(motion.std[5]))
+        unlike = _log_likelihood(now, pressure_mpa, self._shear.shear_mpa, tangential_n)
+        self._log_likelihood = np.minimum(self._log_likelihood, unlike)
+        log_weight = self._log_likelihood + friction_log_prior(_FRICTION, friction)
+        weight = np.exp(log_weight - log_weight.max())
+        weight /= weight.sum()
+        return _summarise(now, pressure_mpa, limit, self._shear.shear_mpa, weight, traction.gel, float(motion.std[5]))
 
 
 def _skin_at_rest(traction: Traction) -> tuple[_Placed, ShearSolution]:
@@ -163,10 +174,28 @@ def _skin_at_rest(traction: Traction) -> tuple[_Placed, ShearSolution]:
     grid = square_grid(traction)
     middle = _Placed(grid, np.zeros(2), 0.0)
     centre_mm = _mean_over(middle.points_mm, _sample(traction, middle.points_mm))
-    none = np.zeros((len(_NODES), 1, 1), np.float32)
-    still = np.zeros((len(_NODES), 2, *grid.shape), np.float32)
+    none = np.zeros((len(_SOLVED_FRICTION), 1, 1), np.float32)
+    still = np.zeros((len(_SOLVED_FRICTION), 2, *grid.shape), np.float32)
     step_length = skin_of(grid, traction.gel).operators.first_step_lengths(none)[1]
     return replace(middle, centre_mm=centre_mm), ShearSolution(still, still, none, none, none, step_length)
+
+
+def _log_likelihood(
+    placed: _Placed,
+    pressure_mpa: Float32[Array, "rows cols"],
+    shear_mpa: Float32[Array, "nodes 2 rows cols"],
+    tangential_n: Float[Array, "2"],
+) -> Float[Array, " frictions"]:
+    """Return how well every coefficient predicts the load along the skin."""
+    cell_mm2 = placed.grid.cell_area_mm2
+    predicted_n = _interpolate(cell_mm2 * shear_mpa.sum(axis=(2, 3)) @ placed.axes.T)
+    variance = _ERROR**2 * float(tangential_n @ tangential_n) + (_LEAST_ERROR * cell_mm2 * pressure_mpa.sum()) ** 2
+    return -0.5 * np.asarray(((predicted_n - tangential_n) ** 2).sum(axis=1) / variance)
+
+
+def _interpolate(solved: Float[Array, "nodes *parts"]) -> Float[Array, "frictions *parts"]:
+    """Return numbers at all coefficients from those at the solved ones, linear in the logarithm of friction."""
+    return np.asarray(make_interp_spline(np.log(_SOLVED_FRICTION), solved, k=1)(np.log(_FRICTION)))
 
 
 def _summarise(
@@ -174,6 +203,7 @@ def _summarise(
     pressure_mpa: Float32[Array, "rows cols"],
     limit: FrictionLimit,
     shear_mpa: Float32[Array, "nodes 2 rows cols"],
+    weight: Float[Array, " frictions"],
     gel: Gel,
     yaw_std_rad: float,
 ) -> CarriedShear:
@@ -181,9 +211,9 @@ def _summarise(
     cell_mm2, places_mm = placed.grid.cell_area_mm2, placed.grid.positions_mm
     centre_mm = _mean_over(places_mm, pressure_mpa)
     x_mm, y_mm = places_mm - centre_mm[:, None, None]
-    torques_nmm = cell_mm2 * sum_over_grid(x_mm * shear_mpa[:, 1] - y_mm * shear_mpa[:, 0])[:, 0, 0]
-    torque_nmm = float(_WEIGHTS @ torques_nmm)
-    spread_nmm = np.sqrt(_WEIGHTS @ (torques_nmm - torque_nmm) ** 2)
+    torques_nmm = _interpolate(cell_mm2 * (x_mm * shear_mpa[:, 1] - y_mm * shear_mpa[:, 0]).sum(axis=(1, 2)))
+    torque_nmm = float(weight @ torques_nmm)
+    spread_nmm = np.sqrt(weight @ (torques_nmm - torque_nmm) ** 2)
     radius_mm = float(np.sqrt(_mean_over((x_mm**2 + y_mm**2)[None], pressure_mpa)[0]))
     load_n = cell_mm2 * float(pressure_mpa.sum())
     area_mm2 = cell_mm2 * np.count_nonzero(pressure_mpa)
@@ -193,28 +223,21 @@ def _summarise(
     )
     errors_nmm = (
         spread_nmm,
-        _TORQUE_ERROR * torque_nmm,
-        _LEAST_TORQUE_ERROR * load_n * radius_mm,
+        _ERROR * torque_nmm,
+        _LEAST_ERROR * load_n * radius_mm,
         yaw_std_rad * stiffness_nmm,
     )
     sticks = ~slip_mask(shear_mpa, _AT_LIMIT * limit.max_shear_mpa)
-    shares = np.maximum.accumulate((sticks * pressure_mpa).sum(axis=(1, 2)) / pressure_mpa.sum())
+    shares = _interpolate((sticks * pressure_mpa).sum(axis=(1, 2)) / pressure_mpa.sum())
     return CarriedShear(
         torque_nmm / 1e3,
         float(np.linalg.norm(errors_nmm)) / 1e3,
         placed.axes @ centre_mm + placed.centre_mm,
         load_n,
         radius_mm,
-        float(shares[1]),
-        float(ndtr(np.interp(INCIPIENT_SHARE, shares, _NODES))),
+        float(weight @ shares),
+        float(weight[shares < INCIPIENT_SHARE].sum()),
     )
-
-
-def _friction_coefficients(friction: float) -> Float32[Array, " nodes"]:
-    """Return the coefficients for which shear is computed."""
-    known = np.isfinite(friction)
-    median, width = (friction, KNOWN_FRICTION_WIDTH) if known else (FRICTION_PRIOR, FRICTION_PRIOR_WIDTH)
-    return np.array(median * np.exp(width * _NODES), np.float32)
 
 
 def _sample(traction: Traction, points_mm: Float32[Array, "2 rows cols"]) -> Float32[Array, "rows cols"]:

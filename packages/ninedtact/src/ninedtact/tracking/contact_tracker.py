@@ -127,7 +127,7 @@ class ContactTracker:
     ) -> tuple[SlipEstimate, WrenchEstimate]:
         """Return the slip of all contacts together, and the wrench: with the load of a contact that slides
         where all of it does, by the turn of the object where it turns more than it is dragged."""
-        carried = self.carried.update(motion, traction, self.slip.friction)
+        carried = self.carried.update(motion, traction, force.wrench.force_n[:2], self.slip.friction)
         if carried is not None and carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
             turned = replace(
                 self.slip.release(),

@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 _FRICTION = np.geomspace(0.05, 3.0, 48)
 """Friction coefficients that are tried."""
-FRICTION_PRIOR, FRICTION_PRIOR_WIDTH = 0.5, 0.9
+_FRICTION_PRIOR, _FRICTION_PRIOR_WIDTH = 0.5, 0.9
 """Median of the friction of things that nothing is known of, and the standard deviation of its logarithm."""
 _STIFFNESS = np.geomspace(0.75, 4.0, 16)
 """Stiffnesses that are tried, over the ratio of load and displacement when both are first seen."""
@@ -32,7 +32,7 @@ _STEADY = 0.1
 """Relative change of the normal load within which the ratio is taken."""
 _MODEL_ERROR = 0.025
 """Error of the predicted tangential load, over the normal load."""
-KNOWN_FRICTION_WIDTH, _DOUBT = 0.15, 4.0
+_KNOWN_FRICTION_WIDTH, _DOUBT = 0.15, 4.0
 """Standard deviation of the logarithm of a known friction, and how unlikely (logarithm) another one is in the next contact."""
 _CORRELATED_IMAGES = 3.0
 """Number of images whose errors are alike."""
@@ -106,15 +106,21 @@ def springs_if_seen(start: SlipSample, now: SlipSample, friction: float) -> "Sli
         load = float(np.linalg.norm(now.tangential))  # it slid from the beginning
     if distance < _SEEN_STDS * now.displacement_std or load < _SEEN_STDS * now.load_std:
         return None
-    known = np.isfinite(friction)
-    median, width = (friction, KNOWN_FRICTION_WIDTH) if known else (FRICTION_PRIOR, FRICTION_PRIOR_WIDTH)
-    log_prior = -0.5 * (np.log(_FRICTION / median) / width) ** 2
     stiffness_log_prior = -0.5 * (np.log(_STIFFNESS / _STIFFNESS_PRIOR) / _STIFFNESS_PRIOR_WIDTH) ** 2
-    if known:
-        log_prior = np.logaddexp(log_prior, -_DOUBT)
-    springs = SlidingSprings(load / distance * _STIFFNESS, start, stiffness_log_prior[:, None] + log_prior)
+    log_prior = stiffness_log_prior[:, None] + friction_log_prior(_FRICTION, friction)
+    springs = SlidingSprings(load / distance * _STIFFNESS, start, log_prior)
     springs.load(now, 0.0)
     return springs
+
+
+def friction_log_prior(coefficients: Float[Array, " frictions"], friction: float) -> Float[Array, " frictions"]:
+    """Return the logarithm of how likely coefficients are.
+
+    friction: coefficient that is known of the object; not a number where none is.
+    """
+    if np.isfinite(friction):
+        return np.logaddexp(-0.5 * (np.log(coefficients / friction) / _KNOWN_FRICTION_WIDTH) ** 2, -_DOUBT)
+    return -0.5 * np.asarray(np.log(coefficients / _FRICTION_PRIOR) / _FRICTION_PRIOR_WIDTH) ** 2
 
 
 @dataclass
