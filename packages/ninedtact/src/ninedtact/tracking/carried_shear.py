@@ -24,7 +24,7 @@ from ninedtact.mechanics.skin import PeriodicGrid
 from ninedtact.quantities import Traction, WrenchEstimate
 from ninedtact.tracking.object_tracker import ObjectMotion
 from ninedtact.tracking.sliding_load import skin_of, square_grid
-from ninedtact.tracking.sliding_springs import friction_log_prior
+from ninedtact.tracking.sliding_springs import friction_log_prior, load_variance
 from ninedtact.tracking.slip import INCIPIENT_SHARE
 
 _SOLVED_FRICTION = np.geomspace(0.1, 2.5, 5).astype(np.float32)
@@ -33,9 +33,9 @@ _FRICTION = np.geomspace(0.1, 2.5, 41)
 """Coefficients that are weighed; between those above, what depends on them is interpolated."""
 _SEEN_STD_RAD = 0.05
 """Standard deviation of a turn up to which it is seen."""
-_ERROR, _LEAST_ERROR = 0.3, 0.02
+_TORQUE_ERROR, _LEAST_TORQUE_ERROR = 0.3, 0.02
 """Error of the torque over itself, and over the load times the radius of gyration: pressure is blurred, and covers more of the skin
-than the object does. Found on a simulated gear, cross, key, star and letter. The load along the skin has the same, over the load."""
+than the object does. Found on a simulated gear, cross, key, star and letter."""
 _USUAL_TWIST = 0.3
 """Torque of a twist for which the errors of single images are stated (`force.hidden_twist`), over load times radius of gyration."""
 _LEAST_TURN = 0.1
@@ -189,8 +189,8 @@ def _log_likelihood(
     """Return how well every coefficient predicts the load along the skin."""
     cell_mm2 = placed.grid.cell_area_mm2
     predicted_n = _interpolate(cell_mm2 * shear_mpa.sum(axis=(2, 3)) @ placed.axes.T)
-    variance = _ERROR**2 * float(tangential_n @ tangential_n) + (_LEAST_ERROR * cell_mm2 * pressure_mpa.sum()) ** 2
-    return -0.5 * np.asarray(((predicted_n - tangential_n) ** 2).sum(axis=1) / variance)
+    misses = ((predicted_n - tangential_n) ** 2).sum(axis=1)
+    return -0.5 * np.asarray(misses / load_variance(cell_mm2 * float(pressure_mpa.sum())))
 
 
 def _interpolate(solved: Float[Array, "nodes *parts"]) -> Float[Array, "frictions *parts"]:
@@ -223,8 +223,8 @@ def _summarise(
     )
     errors_nmm = (
         spread_nmm,
-        _ERROR * torque_nmm,
-        _LEAST_ERROR * load_n * radius_mm,
+        _TORQUE_ERROR * torque_nmm,
+        _LEAST_TORQUE_ERROR * load_n * radius_mm,
         yaw_std_rad * stiffness_nmm,
     )
     sticks = ~slip_mask(shear_mpa, _AT_LIMIT * limit.max_shear_mpa)

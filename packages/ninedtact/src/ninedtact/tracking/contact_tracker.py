@@ -72,6 +72,8 @@ class ContactTracker:
     _followed: ContactFollower = field(default_factory=ContactFollower, init=False, repr=False)
     _slips: dict[int, SlipEstimator] = field(default_factory=dict, init=False, repr=False)
     """Estimators of single contacts, by their numbers, where there are several."""
+    _is_turned: bool = field(default=False, init=False, repr=False)
+    """Whether the skin under the object tells what sticks."""
     _moved_mm: Float[Array, "2"] = field(default_factory=lambda: np.zeros(2), init=False, repr=False)
     _imprint: ImprintShift = field(default_factory=ImprintShift, init=False, repr=False)
     _last: TrackedContacts | None = field(default=None, init=False, repr=False)
@@ -87,7 +89,7 @@ class ContactTracker:
         self._moved_mm = self._moved_mm + self._step_mm(contacts, motion, reading.height)
         slip, slips = SlipEstimate(), tuple(SlipEstimate() for _ in contacts)
         if not reading.is_touching and not reading.image_warnings:
-            slip, self._slips = self.slip.release(), {}
+            slip, self._slips, self._is_turned = self.slip.release(), {}, False
             self.carried.release()
         elif contacts and reading.force is not None:
             traction = _traction(reading)
@@ -126,21 +128,24 @@ class ContactTracker:
         self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate, traction: Traction, overread: float
     ) -> tuple[SlipEstimate, WrenchEstimate]:
         """Return the slip of all contacts together, and the wrench: with the load of a contact that slides
-        where all of it does, by the turn of the object where it turns more than it is dragged."""
+        where all of it does. Once the object turned more than it was dragged, the skin under it tells what sticks until all slides:
+        springs know nothing of the turn."""
         carried = self.carried.update(motion, traction, force.wrench.force_n[:2], self.slip.friction)
         if carried is not None and carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
-            turned = replace(
-                self.slip.release(),
+            slip, self._is_turned = self.slip.release(), True
+        else:
+            slip = _slip_at(self.slip, reading, self._moved_mm, force.wrench, overread)
+        if slip.state == SlipState.GROSS:
+            force, self._is_turned = as_it_slides(force, overread), False
+        elif carried is not None and self._is_turned:
+            slip = replace(
+                slip,
                 state=SlipState.INCIPIENT if carried.p_incipient > 0.5 else SlipState.STATIC,
                 p_incipient=carried.p_incipient,
                 p_gross=0.0,  # the middle of a contact that turns about itself sticks
                 sticking_share=carried.sticking_share,
                 speed=0.0,
             )
-            return turned, carried.correct(force)
-        slip = _slip_at(self.slip, reading, self._moved_mm, force.wrench, overread)
-        if slip.state == SlipState.GROSS:
-            force = as_it_slides(force, overread)
         return slip, force if carried is None else carried.correct(force)
 
     def _slips_of(

@@ -107,8 +107,10 @@ def springs_if_seen(start: SlipSample, now: SlipSample, friction: float) -> "Sli
     if distance < _SEEN_STDS * now.displacement_std or load < _SEEN_STDS * now.load_std:
         return None
     stiffness_log_prior = -0.5 * (np.log(_STIFFNESS / _STIFFNESS_PRIOR) / _STIFFNESS_PRIOR_WIDTH) ** 2
-    log_prior = stiffness_log_prior[:, None] + friction_log_prior(_FRICTION, friction)
-    springs = SlidingSprings(load / distance * _STIFFNESS, start, log_prior)
+    log_prior = friction_log_prior(_FRICTION, friction)
+    if np.isfinite(friction):
+        log_prior = np.logaddexp(log_prior, -_DOUBT)
+    springs = SlidingSprings(load / distance * _STIFFNESS, start, stiffness_log_prior[:, None] + log_prior)
     springs.load(now, 0.0)
     return springs
 
@@ -118,9 +120,14 @@ def friction_log_prior(coefficients: Float[Array, " frictions"], friction: float
 
     friction: coefficient that is known of the object; not a number where none is.
     """
-    if np.isfinite(friction):
-        return np.logaddexp(-0.5 * (np.log(coefficients / friction) / _KNOWN_FRICTION_WIDTH) ** 2, -_DOUBT)
-    return -0.5 * np.asarray(np.log(coefficients / _FRICTION_PRIOR) / _FRICTION_PRIOR_WIDTH) ** 2
+    known = np.isfinite(friction)
+    median, width = (friction, _KNOWN_FRICTION_WIDTH) if known else (_FRICTION_PRIOR, _FRICTION_PRIOR_WIDTH)
+    return -0.5 * np.asarray(np.log(coefficients / median) / width) ** 2
+
+
+def load_variance(normal: float, load_std: float = 0.0) -> float:
+    """Return the variance of a tangential load about what a model predicts."""
+    return _CORRELATED_IMAGES * (load_std**2 + (_MODEL_ERROR * normal) ** 2)
 
 
 @dataclass
@@ -172,7 +179,7 @@ class SlidingSprings:
         self._slide()
         error = sample.tangential[:, None, None, None] - self.force.sum(axis=-1)
         if has_changed:
-            variance = (sample.load_std**2 + (_MODEL_ERROR * sample.normal) ** 2) * _CORRELATED_IMAGES
+            variance = load_variance(sample.normal, sample.load_std)
             kept = np.exp(-1 / _MEMORY_IMAGES)
             likelihood = -0.5 * (error**2).sum(axis=0) / variance
             self._log_weight = kept * self._log_weight + (1 - kept) * self._prior + likelihood
