@@ -117,3 +117,17 @@ def test_the_torque_of_a_twist_that_the_image_hides_is_seen_in_the_turn(press: P
         assert one.contacts[0].force is (None if force.traction is None else force)
         assert force.wrench.torque_nm[2] == pytest.approx(true_nm, rel=0.4)
         assert one.slip.sticking_share == pytest.approx(1 - (last.slip_share or 0.0), abs=0.2)
+
+
+def test_what_sticks_after_a_turn_is_not_forgotten_in_the_drag_that_follows(press: Presser) -> None:
+    """A key bears friction of 1.0, twice what is expected of unknown things: its load along the skin tells this."""
+    tracker, key, last = ContactTracker(), indenter_from_name("key_01"), None
+    down = [Pose(0.3, -0.9, depth_mm) for depth_mm in (0.2, 0.4, 0.5, 0.5)]
+    turned = [Pose(0.3, -0.9, 0.5, np.radians(turn_deg)) for turn_deg in (5, 10, 15, 20, 25, 30)]
+    dragged = [Pose(0.3 + x_mm, -0.9, 0.5, np.radians(30)) for x_mm in (0.1, 0.2, 0.3)]
+    for number, pose in enumerate(down + turned + dragged):
+        last, reading = press(key, pose, last, number)
+        found = tracker.update(reading)
+        if pose in (turned[-1], dragged[-1]):
+            assert last.slip_share is not None and found.slip.state == SlipState.INCIPIENT
+            assert found.slip.sticking_share == pytest.approx(1 - last.slip_share, abs=0.3)

@@ -6,8 +6,8 @@ gel tells the shear that this takes, up to what friction holds (`mechanics.frict
 first seen is not known, so that a contact counts from its beginning.
 
 Fields lie on a grid that moves and turns with the object: what sticks stays at its place on it. All are computed for some friction
-coefficients. Each is as likely as it was beforehand, times how well it predicts the load along the skin that the images show. Unlike
-a twist, they show this load well: it rises to what friction holds, and while all slides it is just that.
+coefficients, each weighted by how well it predicts the load along the skin: images hide a twist, but not this load, and while all
+slides it is just what friction holds.
 """
 
 from dataclasses import dataclass, field, replace
@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 from scipy.interpolate import make_interp_spline
+from scipy.special import softmax
 
 from ninedtact.design import Gel
 from ninedtact.mechanics.friction import FrictionLimit, ShearSolution, slip_mask, solve_shear
@@ -60,7 +61,7 @@ class CarriedShear:
     radius_mm: float
     """Radius of gyration of the pressure about the centre."""
     sticking_share: float
-    """Share of the contact that sticks, weighted by pressure: mean over what friction may be."""
+    """Share of the contact that sticks, weighted by pressure, at the median of what friction may be."""
     p_incipient: float
     """Probability that less than `INCIPIENT_SHARE` of it sticks."""
 
@@ -162,10 +163,8 @@ class CarriedSkin:
         self._shear = solve_shear(operators, target_mm, limit, self._shear, tolerance_mm, _MAX_ITERATIONS)
         self._last = now
         unlike = _log_likelihood(now, pressure_mpa, self._shear.shear_mpa, tangential_n)
-        self._log_likelihood = np.minimum(self._log_likelihood, unlike)
-        log_weight = self._log_likelihood + friction_log_prior(_FRICTION, friction)
-        weight = np.exp(log_weight - log_weight.max())
-        weight /= weight.sum()
+        self._log_likelihood = np.fmin(self._log_likelihood, unlike)
+        weight = softmax(self._log_likelihood + friction_log_prior(_FRICTION, friction))
         return _summarise(now, pressure_mpa, limit, self._shear.shear_mpa, weight, traction.gel, float(motion.std[5]))
 
 
@@ -193,7 +192,7 @@ def _log_likelihood(
     return -0.5 * np.asarray(misses / load_variance(cell_mm2 * float(pressure_mpa.sum())))
 
 
-def _interpolate(solved: Float[Array, "nodes *parts"]) -> Float[Array, "frictions *parts"]:
+def _interpolate(solved: Float[Array, "nodes ..."]) -> Float[Array, "frictions ..."]:
     """Return numbers at all coefficients from those at the solved ones, linear in the logarithm of friction."""
     return np.asarray(make_interp_spline(np.log(_SOLVED_FRICTION), solved, k=1)(np.log(_FRICTION)))
 
@@ -213,7 +212,7 @@ def _summarise(
     x_mm, y_mm = places_mm - centre_mm[:, None, None]
     torques_nmm = _interpolate(cell_mm2 * (x_mm * shear_mpa[:, 1] - y_mm * shear_mpa[:, 0]).sum(axis=(1, 2)))
     torque_nmm = float(weight @ torques_nmm)
-    spread_nmm = np.sqrt(weight @ (torques_nmm - torque_nmm) ** 2)
+    spread_nmm = float(np.sqrt(weight @ (torques_nmm - torque_nmm) ** 2))
     radius_mm = float(np.sqrt(_mean_over((x_mm**2 + y_mm**2)[None], pressure_mpa)[0]))
     load_n = cell_mm2 * float(pressure_mpa.sum())
     area_mm2 = cell_mm2 * np.count_nonzero(pressure_mpa)
@@ -235,7 +234,7 @@ def _summarise(
         placed.axes @ centre_mm + placed.centre_mm,
         load_n,
         radius_mm,
-        float(weight @ shares),
+        float(np.interp(0.5, np.cumsum(weight) - weight / 2, shares)),
         float(weight[shares < INCIPIENT_SHARE].sum()),
     )
 

@@ -127,9 +127,11 @@ class ContactTracker:
     def _slip_and_force(
         self, reading: Reading, motion: ObjectMotion, force: WrenchEstimate, traction: Traction, overread: float
     ) -> tuple[SlipEstimate, WrenchEstimate]:
-        """Return the slip of all contacts together, and the wrench: with the load of a contact that slides
-        where all of it does. Once the object turned more than it was dragged, the skin under it tells what sticks until all slides:
-        springs know nothing of the turn."""
+        """Return the slip of all contacts together, and the wrench: with the load of a contact that slides where all of it does.
+
+        Once the object turned more than it was dragged, the skin under it tells what sticks, as springs know nothing of the turn;
+        they still tell when all slides.
+        """
         carried = self.carried.update(motion, traction, force.wrench.force_n[:2], self.slip.friction)
         if carried is not None and carried.is_turn_under(float(np.hypot(*force.wrench.force_n[:2]))):
             slip, self._is_turned = self.slip.release(), True
@@ -142,7 +144,7 @@ class ContactTracker:
                 slip,
                 state=SlipState.INCIPIENT if carried.p_incipient > 0.5 else SlipState.STATIC,
                 p_incipient=carried.p_incipient,
-                p_gross=0.0,  # the middle of a contact that turns about itself sticks
+                p_gross=0.0,
                 sticking_share=carried.sticking_share,
                 speed=0.0,
             )
