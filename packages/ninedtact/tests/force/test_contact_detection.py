@@ -20,7 +20,7 @@ from ninedtact.force.contact_detection import (
 from ninedtact.force.traction.estimator import build_traction_force
 from ninedtact.mechanics.pose import Pose
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
-from ninedtact.reading import Reading, read_frame
+from ninedtact.reading import Reading, StreamMemory, read_frame
 from ninedtact.simulation.objects.catalogue import indenter_from_name
 
 FULL = (345, 460), 0.0522
@@ -50,6 +50,17 @@ def reading(
     images = (Rectified(one.astype(np.float32), mm_per_px) for one in (seen, reference))
     rectified, kept = images
     return Reading(Frame(np.zeros((1, 1, 3), np.uint8)), rectified, height, reference=kept)
+
+
+@pytest.mark.parametrize("gain", [0.95, 0.985, 1.08])
+@pytest.mark.parametrize("learnt_s", [0.0, 60.0])
+def test_a_gain_of_whole_grey_levels_is_no_touch(gain: float, learnt_s: float, physical_sensor: SensorFolder) -> None:
+    """As a camera or a program applies it: levels are rounded a second time, alike over wide regions, also late in a quiet stream."""
+    renderer, shape = physical_sensor.twin().renderer, physical_sensor.shape
+    reader = shape.depth_reader(*(Frame(renderer.noise.add_to(renderer.reference, seed)) for seed in range(10)))
+    image = np.rint(renderer.noise.add_to(renderer.reference, 10) * gain).astype(np.uint8)
+    quiet = StreamMemory(noise=5e-4, darkening=1e-3, learnt_s=learnt_s)
+    assert not detect_contact(replace(read_frame(Frame(image), shape, reader), stream=quiet))
 
 
 @pytest.mark.parametrize(

@@ -101,8 +101,9 @@ _TILES = 3, 4
 _MAX_SMOOTH_NOISE = 1.0
 """Largest noise of a tile after smoothing over that of one cell. It is at most 0.6 for JPEG of quality 40 and better; wide objects
 have 4 to 25."""
-_DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 0.6
-"""Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the error that it leaves."""
+_DIGITAL_GAIN, _GAIN_ROUNDING_LEVELS = 0.002, 1.0
+"""Change of the light beyond which it may be a gain of whole grey levels in a camera or program, and the largest error that it
+leaves: half a level in the median of the view and half a level elsewhere."""
 INTERPOLATED = 1.5
 """Noise of a raw pixel over that of a rectified one, which bilinear interpolation reduces to two thirds on average."""
 FAINT_PRESSURE = 0.05
@@ -158,17 +159,18 @@ def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> flo
     as that of blocks of compression, is estimated from them.
     """
     stream = reading.stream
+    level = max(float(reading.reference.grey[::NOISE_EVERY_ROWS].mean()), 1.0)
+    has_gain = abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None
+    rounding_of_gain = _GAIN_ROUNDING_LEVELS / level if has_gain else 0.0
     learnt = threshold.reference_noises * stream.noise
     if stream.darkening > 0:
         least, most = (noises * stream.noise for noises in threshold.least_and_most_noises)
-        learnt = float(np.clip(threshold.learnt_darkenings * stream.darkening, least, most))
+        learnt = float(np.clip(threshold.learnt_darkenings * stream.darkening, least, max(most, rounding_of_gain)))
     if stream.learnt_s >= threshold.learnt_after_s:
-        return learnt
-    level = max(float(reading.reference.grey[::NOISE_EVERY_ROWS].mean()), 1.0)
+        return learnt if stream.knows_light(reading.light.level) else max(learnt, rounding_of_gain)
     noise_levels = INTERPOLATED * _estimate_pixel_noise(reading.rectified.grey, reading.reference.grey) * level
     rounding = float(np.exp(-2 * (np.pi * noise_levels) ** 2)) / level
-    if abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None:
-        rounding = max(rounding, _GAIN_ROUNDING_LEVELS / level)
+    rounding = max(rounding, rounding_of_gain)
     signal = reading.brightness_on_cells
     rows, cols = signal.shape
     coarse = np.asarray(cv2.resize(signal, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA))
