@@ -119,11 +119,13 @@ class _PublicNames(dict[str, Any]):
 
 def _violations(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
     """Yield what is expected and what is given in its place, in words, where a value has another type, or violates a bound."""
-    value = tuple(value) if isinstance(value, list) else value
-    if is_bearable(value, kind, conf=_INTEGERS_ARE_NUMBERS):
-        yield from _violated_bounds(value, kind)
-    else:
-        yield f"to be {_describe_kind(kind)}", describe_value(value)
+    if isinstance(value, Real) and hasattr(value, "item"):
+        value = value.item()  # numbers of NumPy count as numbers
+    for each in (value, tuple(value)) if isinstance(value, list) else (value,):  # a list counts as a tuple
+        if is_bearable(each, kind, conf=_INTEGERS_ARE_NUMBERS):
+            yield from _violated_bounds(each, kind)
+            return
+    yield f"to be {_describe_kind(kind)}", describe_value(value)
 
 
 def _violated_bounds(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
@@ -140,8 +142,8 @@ def _violated_bounds(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
         for each, member in zip(value, kinds, strict=True):
             yield from _violated_bounds(each, member)
     elif origin in (Union, UnionType):
-        members = [list(_violated_bounds(value, each)) for each in arguments if is_bearable(value, each)]
-        yield from min(members, key=len, default=())
+        members = (each for each in arguments if is_bearable(value, each, conf=_INTEGERS_ARE_NUMBERS))
+        yield from min((list(_violated_bounds(value, each)) for each in members), key=len, default=())
 
 
 def _describe_kind(kind: Any) -> str:
