@@ -1,13 +1,11 @@
 """Types and bounds of arguments, settings and options, declared once beside the field or argument that they bound.
 
+    @checks_arguments
     @dataclass(frozen=True)
     class CollectSettings:
         tolerance_ms: Annotated[float, Meta(gt=0, le=1000)] = 10.0
         ranges: tuple[Annotated[float, Meta(gt=0)], ...] = (6.0, 6.0, 12.0)
         schedule: Literal["constant", "one cycle"] = "one cycle"
-
-        def __post_init__(self) -> None:
-            require_within_bounds(self)
 
 `Meta` is that of msgspec, so that the same declaration is checked where a file is read (`checked_reading`) and shown where a
 command line is made. Not-a-number is within no bounds. None is within all, where the type allows it.

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from ninedtact.bounds import require_within_bounds
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.wrench_source import (
     WrenchFrozen,
     WrenchJumped,
@@ -30,6 +30,7 @@ _Range = Annotated[float, Meta(gt=0)]
 _Ranges = tuple[_Range, _Range, _Range]
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SampleCheckSettings:
     """When a sample is rejected; all values are in the frame of the device, before any tare."""
@@ -50,9 +51,6 @@ class SampleCheckSettings:
     """Largest time between two samples whose change is judged."""
     jump_settles_ms: float = 50.0
     """After this long at the new level it counts as the load. What moved the reading may also have moved its zero."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)
 
 
 class CheckedWrenchSource(WrenchSourceWrapper):
