@@ -146,6 +146,8 @@ def _violated_bounds(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
 
 def _describe_kind(kind: Any) -> str:
     """Return a type as a program would write it, without its modules and bounds."""
+    if get_origin(kind) is Annotated:
+        return _describe_kind(get_args(kind)[0])
     if get_origin(kind) is Literal:
         return f"one of {', '.join(map(repr, get_args(kind)))}"
     bare = _BOUNDED_KIND.sub(r"\1", _MODULES.sub("", formatannotation(kind)))

@@ -282,5 +282,5 @@ def test_a_person_is_guided_through_second_presses_too() -> None:
 def test_a_base_that_no_sensor_has_is_refused(ratio: float, said: str) -> None:
     with pytest.raises(DesignImpossible, match=said):
         SensorDesign(gel=Gel(gel_to_base_modulus_ratio=ratio))
-    with pytest.raises(DesignImpossible, match=r"a gel without a layer below it has gel\.gel_to_base_modulus_ratio 0"):
+    with pytest.raises(DesignImpossible, match="a gel without a layer below it has"):
         Gel(base_thickness_mm=0.0)

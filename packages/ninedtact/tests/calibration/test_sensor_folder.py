@@ -70,7 +70,7 @@ def test_the_papers_lens_is_read_back_too(calibrated_a: Calibration, tmp_path: P
 @pytest.mark.parametrize("choice", [{"lens": "Paper"}, {"method": "phisics"}, {"camera_rotation_deg": 45}])
 def test_a_choice_of_a_calibration_that_does_not_exist_is_refused(choice: dict[str, Any]) -> None:
     (name, value), *_ = choice.items()
-    with pytest.raises(InputError, match=f"^expected {name} to be one of .*, got {value!r}"):
+    with pytest.raises(InputError, match=f"^expected {name} of CalibrationSettings to be one of .*, got {value!r}"):
         CalibrationSettings(**choice)
 
 

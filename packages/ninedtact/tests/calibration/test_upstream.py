@@ -263,7 +263,8 @@ def test_a_press_deeper_than_the_list_is_printed_as_a_lower_limit(
     image = np.full((480, 640, 3), GREY, np.uint8)
     paths = [tmp_path / name for name in ("reference.png", "shallow.png", "deep.png")]
     for path, darker in zip(paths, (0, 10, 60), strict=True):
-        pressed = cv2.circle(image.copy(), (320, 240), 40, (GREY - darker,) * 3, -1)
+        pressed = cv2.circle(image.copy(), (320, 240), 60, (GREY - darker,) * 3, -1)
+        pressed = cv2.GaussianBlur(pressed, (0, 0), 12)  # a sharp edge is that of dirt
         path.write_bytes(cv2.imencode(".png", pressed)[1].tobytes())
     command = ReconstructCommand(tmp_path / "ours", (paths[0],), tuple(paths[1:]), tmp_path / "out", ("npy",), False)
     assert command.run() == 0
