@@ -82,6 +82,17 @@ def test_scales_times_and_steps_are_above_zero(value: float) -> None:
         ninedtact.CameraSettings(rate_hz=value)
 
 
+@pytest.mark.parametrize("value", [-1, -1.0, np.float32(-1), np.int64(-1)])
+def test_bounds_hold_for_every_kind_of_number_also_where_none_is_allowed(value: float) -> None:
+    with pytest.raises(InputError, match=r"expected rate_hz above 0, got -1"):
+        ninedtact.CameraSettings(rate_hz=value)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    frame = ninedtact.Frame(np.zeros((1, 1, 3), np.uint8), np.int64(5))
+    assert (frame.stamp_ns, ninedtact.Pose(depth_mm=np.float32(0.5)).depth_mm) == (5, 0.5)
+
+
 def test_axes_of_one_name_have_one_length() -> None:
     with pytest.raises(
         InputError, match=r"source of HeightMap to be UInt8.* \(axes of one name have one length\), got .* \(4, 3\)"

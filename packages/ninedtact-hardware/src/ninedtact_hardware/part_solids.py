@@ -24,7 +24,6 @@ from build123d import (
     RectangleRounded,
     Sketch,
     Sphere,
-    Vertex,
     extrude,
     fillet,
 )
@@ -78,17 +77,14 @@ def _filleted_polygon(corners: list[XY], rounds: dict[XY, float]) -> Face:
     outline = Polygon(*corners, align=None)
     for place, radius in rounds.items():
         if radius > _COINCIDENT_MM:
-            outline = fillet(_nearest_vertex(outline.vertices(), place), radius)
+            corner = min(outline.vertices(), key=lambda vertex: hypot(vertex.X - place[0], vertex.Y - place[1]))
+            outline = fillet(corner, radius)
     return Face(outline.face().wrapped)
 
 
 def _add_mirror_image(right: list[XY]) -> list[XY]:
     """Return the closed outline of which these corners are the half at positive x, in their order."""
     return [*right, *((-x, other) for x, other in reversed(right))]
-
-
-def _nearest_vertex(vertices: Iterable[Vertex], place: XY) -> Vertex:
-    return min(vertices, key=lambda vertex: hypot(vertex.X - place[0], vertex.Y - place[1]))
 
 
 def _single_solid_of_part(part: Part) -> Part:

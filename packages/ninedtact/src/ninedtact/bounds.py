@@ -1,13 +1,11 @@
 """Types and bounds of arguments, settings and options, declared once beside the field or argument that they bound.
 
+    @checks_arguments
     @dataclass(frozen=True)
     class CollectSettings:
         tolerance_ms: Annotated[float, Meta(gt=0, le=1000)] = 10.0
         ranges: tuple[Annotated[float, Meta(gt=0)], ...] = (6.0, 6.0, 12.0)
         schedule: Literal["constant", "one cycle"] = "one cycle"
-
-        def __post_init__(self) -> None:
-            require_within_bounds(self)
 
 `Meta` is that of msgspec, so that the same declaration is checked where a file is read (`checked_reading`) and shown where a
 command line is made. Not-a-number is within no bounds. None is within all, where the type allows it.
@@ -119,11 +117,13 @@ class _PublicNames(dict[str, Any]):
 
 def _violations(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
     """Yield what is expected and what is given in its place, in words, where a value has another type, or violates a bound."""
-    value = tuple(value) if isinstance(value, list) else value
-    if is_bearable(value, kind, conf=_INTEGERS_ARE_NUMBERS):
-        yield from _violated_bounds(value, kind)
-    else:
-        yield f"to be {_describe_kind(kind)}", describe_value(value)
+    if isinstance(value, Real) and hasattr(value, "item"):
+        value = value.item()  # numbers of NumPy count as numbers
+    for each in (value, tuple(value)) if isinstance(value, list) else (value,):  # a list counts as a tuple
+        if is_bearable(each, kind, conf=_INTEGERS_ARE_NUMBERS):
+            yield from _violated_bounds(each, kind)
+            return
+    yield f"to be {_describe_kind(kind)}", describe_value(value)
 
 
 def _violated_bounds(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
@@ -140,8 +140,8 @@ def _violated_bounds(value: Any, kind: Any) -> Iterator[tuple[str, str]]:
         for each, member in zip(value, kinds, strict=True):
             yield from _violated_bounds(each, member)
     elif origin in (Union, UnionType):
-        members = [list(_violated_bounds(value, each)) for each in arguments if is_bearable(value, each)]
-        yield from min(members, key=len, default=())
+        members = (each for each in arguments if is_bearable(value, each, conf=_INTEGERS_ARE_NUMBERS))
+        yield from min((list(_violated_bounds(value, each)) for each in members), key=len, default=())
 
 
 def _describe_kind(kind: Any) -> str:

@@ -61,10 +61,9 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
 
     Raises
     ------
-    SensorFolderDamaged, CalibrationError, InputError, ForceModelUnusable,
-    FileFormatError, ForceEstimationError, FileFormatError, ReferenceUnusable, InputError
-        The sensor, the source, the estimator or a reference image is not usable. Opening the returned sensor raises what
-        its source raises.
+    InputError, FileFormatError, CalibrationError, ReferenceUnusable, ForceModelUnusable, ForceEstimationError
+        An argument, the sensor, the source, a reference image or the estimator is not usable. Opening the returned sensor raises
+        what its source raises.
 
     Examples
     --------

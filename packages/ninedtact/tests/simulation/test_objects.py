@@ -196,7 +196,7 @@ def test_a_mesh_is_closed_where_no_edge_belongs_to_one_triangle_alone(tmp_path: 
         ("sheets.ply", "upon each other about 2\\d{3} times"),
         ("astray.obj", "astray"),
         ("missing.stl", "which is not there"),
-        ("ball.stl@fit:0", "a size to fit above zero, got 1.0 and 0.0"),
+        ("ball.stl@fit:0", "expected fit_mm above 0 .*, got 0"),
     ],
 )
 def test_bad_meshes_are_refused_in_one_sentence(folder: Path, name: str, said: str) -> None:

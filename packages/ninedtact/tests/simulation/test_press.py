@@ -35,9 +35,9 @@ def test_a_load_is_that_of_the_gel_as_it_acts_at_finite_strain(load_n: float) ->
     [
         (lambda: ScriptedPress(), "expected a depth or a load, got neither"),
         (lambda: ScriptedPress(1.0, 2.0), "expected a depth or a load, got both"),
-        (lambda: ScriptedPress(-1.0), "above zero, got -1 mm deep"),
-        (lambda: ScriptedPress(load_n=-3.0), "above zero, got -3 N"),
-        (lambda: ScriptedPress(float("nan")), "to be a number, got nan"),
+        (lambda: ScriptedPress(-1.0), "depth_mm above 0, got -1"),
+        (lambda: ScriptedPress(load_n=-3.0), "load_n above 0, got -3"),
+        (lambda: ScriptedPress(float("nan")), "depth_mm above 0, got nan"),
     ],
 )
 def test_a_press_that_is_none_is_refused(press: type[ScriptedPress], said: str) -> None:

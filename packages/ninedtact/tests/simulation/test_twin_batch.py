@@ -111,9 +111,7 @@ def test_bad_input_is_one_sentence(twin: Twin) -> None:
     with pytest.raises(InputError, match="at least one environment"):
         TwinBatch(twin, [])
     batch = TwinBatch(twin, [Ball(4.0)] * 2)
-    with pytest.raises(
-        InputError, match="expected one twin for all environments, got an object of type list; give a batch"
-    ):
+    with pytest.raises(InputError, match="expected twin of TwinBatch to be Twin, got"):
         TwinBatch([twin, twin], [Ball(4.0)] * 2)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"expected a device of torch .*, got 'gpu' \(.*\); give another"):
         TwinBatch(twin, [Ball(4.0)] * 2, "gpu")

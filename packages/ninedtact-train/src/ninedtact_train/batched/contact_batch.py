@@ -168,7 +168,6 @@ class ContactBatch:
 
     @cached_property
     def _rectangles(self) -> list[GridRectangle]:
-        """The rectangle of each contact."""
         found = find_active_rectangles(self.problem.overlap_mm)
         return [request.rectangle or one for request, one in zip(self.requests, found, strict=True)]
 

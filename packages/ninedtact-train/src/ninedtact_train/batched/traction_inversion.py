@@ -200,7 +200,11 @@ class BatchedTractionInversion:
         region = observation.region.flatten(1)
         index = region.argsort(dim=1, descending=True, stable=True)[:, :cells]
         used = region.gather(1, index)
-        carries = used * self._carries(observation.region, guess.tractions[:, 0]).flatten(1).gather(1, index)
+        pressure, sigma_cells = (
+            guess.tractions[:, 0],
+            self.inversion.prior.smooth_mm / self.inversion.forward.cells.pitch_mm,
+        )
+        carries = used * smoothed(pressure * observation.region, sigma_cells).flatten(1).gather(1, index)
         power = carries**single.CARRYING_EXPONENT
         carries = power * (carries.sum(1) / power.sum(1).clamp(min=1e-9))[:, None]
         carried = self._carried_shear(index, carries, modes)
@@ -218,10 +222,6 @@ class BatchedTractionInversion:
         # Padding has a curvature of one, which keeps it at zero.
         curvature.diagonal(0, 1, 2).add_(torch.cat([1 - used, used.new_ones(len(used), 2 * modes)], 1))
         return BatchedProblem(index, used, carried, jacobian, curvature, slope, whitener, sticking_part)
-
-    def _carries(self, region: Views, pressure: Views) -> Views:
-        """Return the smoothed pressure of each contact region."""
-        return smoothed(pressure * region, self.inversion.prior.smooth_mm / self.inversion.forward.cells.pitch_mm)
 
     def _prior_precision(
         self, observation: BatchedObservation, index: torch.Tensor, used: Float32[torch.Tensor, "batch n"]
@@ -276,7 +276,8 @@ class BatchedTractionInversion:
         rows, cols = self.inversion.forward.cells.shape
         at = rows - 1 - index // cols, cols - 1 - index % cols
         down, across = self._point_spread
-        near = slope[:, self._skin_rows[:, None], self._skin_cols]
+        skin_rows, skin_cols = self._skin_indices
+        near = slope[:, skin_rows[:, None], skin_cols]
         pressed, *sheared = (windows[at] for windows in self._height_windows)
         by_modes = [(carried.mT @ each.flatten(2)).view(*carried.mT.shape[:2], *each.shape[2:]) for each in sheared]
         heights = torch.cat([pressed * used[:, :, None, None], *by_modes], 1)
@@ -357,12 +358,8 @@ class BatchedTractionInversion:
         return self._tensor(down), self._tensor(across)
 
     @cached_property
-    def _skin_rows(self) -> torch.Tensor:
-        return torch.as_tensor(self.inversion.kernels.skin_indices[0], device=self.device)
-
-    @cached_property
-    def _skin_cols(self) -> torch.Tensor:
-        return torch.as_tensor(self.inversion.kernels.skin_indices[1], device=self.device)
+    def _skin_indices(self) -> list[torch.Tensor]:
+        return [torch.as_tensor(each, device=self.device) for each in self.inversion.kernels.skin_indices]
 
     @cached_property
     def _coordinates_mm(self) -> Float64[torch.Tensor, "cells 2"]:

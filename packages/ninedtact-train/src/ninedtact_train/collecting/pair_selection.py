@@ -15,7 +15,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 from tyro.conf import Suppress, arg
 
-from ninedtact.bounds import require_within_bounds
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.force_torque.sample_checks import SampleCheckSettings
 from ninedtact.capture.force_torque.tare import TareSettings
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Frame, Wrench
@@ -92,6 +92,7 @@ class SavedPairCounts:
         return texts
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class CollectSettings:
     """Sampling rule, checks, tare and tolerances by which images and wrenches are saved as pairs."""
@@ -111,9 +112,6 @@ class CollectSettings:
     """Largest wrench without contact, N and N·m about the skin centre; more calls for a tare."""
     contact_levels: Annotated[float, Meta(gt=0)] = 2.0
     """Grey levels by which a block of pixels must differ from the reference to show contact; below half of it nothing touches."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)
 
     @property
     def decision_delay_ns(self) -> int:

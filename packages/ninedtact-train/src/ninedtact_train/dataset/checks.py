@@ -18,7 +18,7 @@ from jaxtyping import UInt8
 from msgspec import Meta
 from numpy import ndarray as Array
 
-from ninedtact.bounds import require_within_bounds
+from ninedtact.bounds import checks_arguments
 from ninedtact.force.brightness_channels import format_image_size
 from ninedtact.parallel_jobs import run_jobs
 from ninedtact.quantities import WRENCH_AXES, WRENCH_UNITS
@@ -40,6 +40,7 @@ _MOST_TILES, _TILE_PX = 40, 6
 _CHECKED_COLUMNS = ("id", "image", "reference_id", "wrench", "wrench_delay_ms")
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class PairCheckSettings:
     """The limits beyond which a pair is listed."""
@@ -60,9 +61,6 @@ class PairCheckSettings:
     """Force that counts as zero."""
     max_zero_force_darkening_levels: _Limit = 6.0
     """Largest darkening in grey levels where the force is zero: with more, something touches."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)
 
 
 class FileCheck(msgspec.Struct):

@@ -27,7 +27,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 
 from ninedtact.atomic_write import write_file_atomically
-from ninedtact.bounds import require_within_bounds
+from ninedtact.bounds import checks_arguments
 from ninedtact.checked_reading import read_regular_file
 from ninedtact.errors import FileFormatError, InputError
 from ninedtact.quantities import NO_OBJECT
@@ -237,6 +237,7 @@ def read_split(path: Path | str) -> DatasetSplit:
     return read
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class HeldOutSettings:
     """Which pairs are held out of the training; the best epoch is chosen by them. Raises `InputError`."""
@@ -249,9 +250,6 @@ class HeldOutSettings:
     """Split file. Its test part is not used at all."""
     seed: Annotated[int, Meta(ge=0)] = 0
     """Seed of the held-out pairs, and in a training of the initial weights, the order and the augmentation."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)
 
     def rows(
         self,

@@ -15,16 +15,17 @@ the stiffness of the base differs from sensor to sensor, and some sensors have a
 
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import msgspec
 import numpy as np
 from jaxtyping import Float32, UInt8
+from msgspec import Meta
 from numpy import ndarray as Array
 
+from ninedtact.bounds import checks_arguments
 from ninedtact.design import PUBLISHED_RECTIFIED_COLS, Gel, SensorDesign, rectified_mm_per_px
-from ninedtact.errors import InputError
 from ninedtact.mechanics.contact_result import Contact
 from ninedtact.quantities import centred_axis_mm
 from ninedtact.simulation.calibration_images import GUIDED_PRESSES, HandPressImperfections
@@ -225,15 +226,14 @@ def sampled_sensor_from_json(table: dict[str, Any]) -> SampledSensor:
     return msgspec.convert(table, SampledSensor)
 
 
+@checks_arguments
 def sample_sensor(
-    number: int,
-    seed: int = 0,
+    number: Annotated[int, Meta(ge=0)],
+    seed: Annotated[int, Meta(ge=0)] = 0,
     kinds: MechanicsShares = MechanicsShares(),
     design: SensorDesign = SensorDesign(),
 ) -> SampledSensor:
     """Sample sensor `number` of a seed, which does not depend on other numbers; raises `InputError` below zero."""
-    if number < 0 or seed < 0:
-        raise InputError(expected="number and seed of zero or more", got=f"{number} and {seed}", remedy="correct them")
     rng = np.random.default_rng([seed, number])
     kind = kinds.kind_at((0.5 + GOLDEN * number) % 1)
     gel = _sample_gel(rng, kind, design.gel)

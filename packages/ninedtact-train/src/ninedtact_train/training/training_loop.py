@@ -251,7 +251,9 @@ class _TrainingRun:
             write_file_atomically(self.checkpoints / _BEST_FILE, content.getvalue())
         # After the best one: a training that is stopped in between repeats this epoch.
         write_file_atomically(self.checkpoints / _LAST_FILE, content.getvalue())
-        write_file_atomically(self.out / _METRICS_FILE, _metrics_csv(self.history.epochs))
+        epochs = self.history.epochs
+        rows = ([f"{value:.6g}" for value in metrics.values()] for metrics in epochs)
+        write_file_atomically(self.out / _METRICS_FILE, to_csv(epochs[0], rows))
         for name, value in metrics.items():
             tensorboard.add_scalar(name, value, len(self.history.epochs))
 
@@ -304,7 +306,3 @@ def silence_loggers(*names: str, warnings_of: str) -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, before, strict=True):
             logger.setLevel(level)
-
-
-def _metrics_csv(epochs: list[EpochMetrics]) -> bytes:
-    return to_csv(epochs[0], ([f"{value:.6g}" for value in metrics.values()] for metrics in epochs))

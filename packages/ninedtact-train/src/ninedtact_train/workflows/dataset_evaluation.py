@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 from tqdm import tqdm
 
-from ninedtact.bounds import require_within_bounds
+from ninedtact.bounds import checks_arguments
 from ninedtact.calibration.force_calibration import estimated_load_n
 from ninedtact.calibration.gel_fit_to_known_loads import ForceScaleImpossible, KnownLoadPress, fit_known_loads
 from ninedtact.design import ForceTorqueMount
@@ -66,6 +66,7 @@ _PRESS_STD = 0.08
 _REFERENCE_FRAMES = 8
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class DatasetEvaluationSettings:
     """The estimator that is evaluated, and how its sensors are calibrated."""
@@ -82,9 +83,6 @@ class DatasetEvaluationSettings:
     """Evaluate one of every n pairs; which one varies."""
     without_contact_detection: bool = False
     """Use a network's estimate also where no contact is detected; otherwise it is zero there."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)
 
 
 def predict_dataset(

@@ -118,8 +118,10 @@ class _StillFrameAverager:
 
     def add(self, image: BgrImage) -> BgrImage | None:
         """Add an image; return the mean once enough successive images are alike."""
-        if self.images and _has_moved(self.images[0], image):
-            self.images.clear()
+        if self.images:
+            change = smooth_gaussian(to_grey_float(image) - to_grey_float(self.images[0]), 3.0)
+            if np.abs(change).max() > STILL_LEVELS:
+                self.images.clear()
         self.images.append(image)
         if len(self.images) < AVERAGED:
             return None
@@ -127,11 +129,6 @@ class _StillFrameAverager:
 
     def __len__(self) -> int:
         return len(self.images)
-
-
-def _has_moved(before: BgrImage, after: BgrImage) -> bool:
-    """Return whether two images differ by more than noise."""
-    return bool(np.abs(smooth_gaussian(to_grey_float(after) - to_grey_float(before), 3.0)).max() > STILL_LEVELS)
 
 
 ImageWatcher = Callable[[BgrImage], CalibrationStepAdvice]

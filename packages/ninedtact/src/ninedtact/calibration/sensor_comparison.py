@@ -170,12 +170,9 @@ def _fitted(name: str, read: Callable[[SensorFolder], float]) -> Callable[[Senso
 
 
 def _modulus_ratio(sensor: SensorFolder) -> Measured | None:
-    known, by_ball = sensor.record.known_loads, _fitted("gel_to_base_modulus_ratio", _ratio_of_gel)(sensor)
+    by_ball = _fitted("gel_to_base_modulus_ratio", lambda sensor: sensor.gel.gel_to_base_modulus_ratio)(sensor)
+    known = sensor.record.known_loads
     return by_ball if by_ball is None or known is None else Measured(by_ball.value, known.modulus_ratio_std)
-
-
-def _ratio_of_gel(sensor: SensorFolder) -> float:
-    return sensor.gel.gel_to_base_modulus_ratio
 
 
 def _modulus(sensor: SensorFolder) -> Measured | None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from ninedtact.bounds import checks_arguments, require_within_bounds
+from ninedtact.bounds import checks_arguments
 from ninedtact.shape.depth import DepthMethod, Smoothing
 
 LensKind = Literal["model", "paper"]
@@ -25,6 +25,3 @@ class CalibrationSettings:
     camera_mirrored: bool = False
     """The camera mirrors its images left to right, which neither board nor ball shows: what moves to the right on the sensor, seen
     from the camera, moves to the left in the image. Without this option F_x, T_y and T_z would have the wrong sign."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)

@@ -19,8 +19,6 @@ _LONGEST_DELAY_NS = 100_000_000
 """Delay of a frame that is played from which on the following ones are delayed as much; a live view drops what is 200 ms old."""
 _LONGEST_PAUSE_NS = 1_000_000_000
 """Time between two frames of a recording after which a player goes on; a live view counts a camera as lost after 2 s."""
-
-
 _Milliseconds = Annotated[float, Meta(gt=0)]
 
 
@@ -42,8 +40,8 @@ class LatestFrameSource(FrameSourceWrapper):
     def __init__(
         self,
         source: FrameSource,
-        max_age_ms: Annotated[float, Meta(gt=0)] = 200.0,
-        timeout_ms: Annotated[float, Meta(gt=0)] = 2000.0,
+        max_age_ms: _Milliseconds = 200.0,
+        timeout_ms: _Milliseconds = 2000.0,
     ) -> None:
         super().__init__(source)
         self.dropped = 0

@@ -65,11 +65,11 @@ def press_plan_json_dict(subject: str, plan: "PressPlan") -> dict[str, object]:
         "alone": asdict(plan.alone),
         "best": plan.calibrating[0].name,
         "candidates": [
-            {"name": candidate.name, "depth_mm": candidate.depth_mm, **_left(asdict(errors))}
+            {
+                "name": candidate.name,
+                "depth_mm": candidate.depth_mm,
+                **{f"{name}_std": value for name, value in asdict(errors).items()},
+            }
             for candidate, errors in plan.candidates
         ],
     }
-
-
-def _left(errors: dict[str, float]) -> dict[str, float]:
-    return {f"{name}_std": value for name, value in errors.items()}

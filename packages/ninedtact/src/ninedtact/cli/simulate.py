@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import tyro
+from msgspec import Meta
 
 from ninedtact.cli.result_and_interrupt import load_sensor_with_notices, print_notices, print_result, sensor_replacement
 from ninedtact.cli.shared_options import (
+    AboveZero,
     DesignFileOption,
     JsonOption,
     read_design_or_default,
@@ -118,9 +120,9 @@ class _Press:
     """Object: ball:4 (mm), cylinder, cone, punch, ellipsoid, gear_07, or a mesh file (part.stl, part.stl@in)."""
     out: Path
     """Folder for the results."""
-    depth_mm: float | None = None
+    depth_mm: AboveZero | None = None
     """Depth of the object's lowest point below the undeformed skin. Give either this or a load."""
-    load_n: float | None = None
+    load_n: AboveZero | None = None
     """Load of the press. Give either this or a depth."""
     at_mm: Pair = (0.0, 0.0)
     """Position of the press, x and y."""
@@ -136,7 +138,7 @@ class _Press:
     """Sensor folder whose twin is pressed; without one, the twin of the published design."""
     design_file: DesignFileOption = None
     """Design file (TOML) with what differs from the published sensor; its twin is pressed."""
-    seed: int = 0
+    seed: Annotated[int, Meta(ge=0)] = 0
     """Seed of generated objects, and of the reference image where no sensor is given."""
     json: JsonOption = False
 
@@ -154,12 +156,9 @@ class _Press:
 
     @property
     def press(self) -> "ScriptedPress":
-        """The same in radians; raises `InputError`, also for a seed below zero."""
-        from ninedtact.errors import InputError
+        """The same in radians; raises `InputError`."""
         from ninedtact.simulation.trajectory import ScriptedPress
 
-        if self.seed < 0:
-            raise InputError(expected="a seed of zero or more", got=f"{self.seed}", remedy="give another")
         tilt = radians(self.tilt_deg[0]), radians(self.tilt_deg[1])
         twist = radians(self.twist_deg)
         return ScriptedPress(self.depth_mm, self.load_n, self.at_mm, self.drag_mm, twist, tilt, self.hold_s)

@@ -119,7 +119,10 @@ def _cut_force(whole: WrenchEstimate, traction: Traction, patches: tuple[Contact
     cells_mm = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
     distances = [np.asarray(cKDTree(patch.outline_mm).query(cells_mm)[0]) for patch in patches]
     owner = np.argmin(distances, axis=0).reshape(rows, cols)
-    wrenches = [_within(traction, owner == number).wrench() for number in range(len(patches))]
+    wrenches = [
+        replace(traction, pressure_mpa=traction.pressure_mpa * own, shear_mpa=traction.shear_mpa * own).wrench()
+        for own in (owner == number for number in range(len(patches)))
+    ]
     loads_n = np.array([max(-wrench.force_n[2], 0.0) for wrench in wrenches])
     total_n = float(loads_n.sum())
     cut = np.diag([(_CUT_ERROR * total_n) ** 2] * 3 + [0.0] * 3)
@@ -127,8 +130,3 @@ def _cut_force(whole: WrenchEstimate, traction: Traction, patches: tuple[Contact
         replace(whole, wrench=wrench, covariance=load_n / max(total_n, 1e-12) * whole.covariance + cut, traction=None)
         for wrench, load_n in zip(wrenches, loads_n.tolist(), strict=True)
     ]
-
-
-def _within(traction: Traction, mask: Bool[Array, "rows cols"]) -> Traction:
-    """Return the traction where a mask is true, zero elsewhere."""
-    return replace(traction, pressure_mpa=traction.pressure_mpa * mask, shear_mpa=traction.shear_mpa * mask)

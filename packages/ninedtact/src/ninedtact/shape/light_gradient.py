@@ -145,7 +145,6 @@ def _explains(found: LightGradient, logarithm: Cells, skin: CellMask, order: _Or
 
 
 def _medians_of_parts(ratio: Cells) -> Float[Array, "3 3"]:
-    """Return the medians of the parts of the view."""
     rows = np.array_split(ratio, _PARTS)
     return np.array([[np.median(part) for part in np.array_split(row, _PARTS, axis=1)] for row in rows])
 

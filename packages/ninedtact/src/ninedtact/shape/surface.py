@@ -38,7 +38,6 @@ def point_cloud(height: HeightMap, every: Annotated[int, Meta(ge=1)] = 1) -> Poi
     """Return all points in view, row by row, in the sensor frame (mm), with outward unit normals.
 
     `every` = 3 keeps each third row and column, for display; the normals are still those of the full grid.
-    Raises `InputError` where it is below 1.
     """
     u, v = _plane_coordinates_mm(height.z_mm.shape, height.mm_per_px, every)
     slope_x, slope_y = (_thin(slope, every) for slope in surface_slope(height))

@@ -21,20 +21,13 @@ from ninedtact.mechanics.pose import Pose
 from ninedtact.simulation.twin import Twin
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class TrajectorySegment:
     """A smooth movement to a pose within a given time."""
 
     to: Pose
-    seconds: float
-
-    def __post_init__(self) -> None:
-        if not 0 < self.seconds < np.inf:
-            raise InputError(
-                expected="a segment that takes time and ends",
-                got=f"{self.seconds} s",
-                remedy="give it a duration above zero",
-            )
+    seconds: Annotated[float, Meta(gt=0, le=1e6)]
 
 
 @dataclass(frozen=True)
@@ -82,7 +75,6 @@ def press_trajectory(
     """Return a trajectory that comes down, presses to the depth of a pose, drags, twists, tilts and lifts.
 
     at: pose of the press. drag_mm: (x, y). tilt_rad: about x and y. speed: 1 is about 1.5 mm/s, as a calm hand presses.
-    Raises `InputError` for a speed or a pause that is not above zero.
     """
     above = replace(at, depth_mm=-HOVER_MM)
     dragged = replace(at, x_mm=at.x_mm + drag_mm[0], y_mm=at.y_mm + drag_mm[1])
@@ -123,26 +115,21 @@ PRESS_SOLVER_SETTINGS = SolverSettings(tolerance=2e-3)
 class ScriptedPress:
     """A press to a depth or to a load at a position, followed by a drag and a twist at that depth or load."""
 
-    depth_mm: float | None = None
-    load_n: float | None = None
+    depth_mm: Annotated[float, Meta(gt=0)] | None = None
+    load_n: Annotated[float, Meta(gt=0)] | None = None
     at_mm: tuple[float, float] = (0.0, 0.0)
     """Position of the first contact, x and y."""
     drag_mm: tuple[float, float] = (0.0, 0.0)
     twist_rad: float = 0.0
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     """Tilts about x and y, which the object has from the beginning."""
-    hold_s: float = 0.0
+    hold_s: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
     """Time for which the object is held at the end, while the gel relaxes."""
 
     def __post_init__(self) -> None:
         if (self.depth_mm is None) == (self.load_n is None):
             got = "both" if self.depth_mm is not None else "neither"
-            raise InputError(expected="a depth or a load", got=f"{got}", remedy="give one of them")
-        wanted, unit = (self.depth_mm, "mm deep") if self.load_n is None else (self.load_n, "N")
-        if not 0 < (wanted or 0.0) < np.inf:
-            raise InputError(expected="a press above zero", got=f"{wanted:g} {unit}", remedy="press the skin")
-        if not 0 <= self.hold_s < np.inf:
-            raise InputError(expected="a time to hold of zero or more", got=f"{self.hold_s:g} s", remedy="give another")
+            raise InputError(expected="a depth or a load", got=got, remedy="give one of them")
 
     def poses(self) -> Iterator[Pose]:
         """Yield all poses; those of a press to a load have depth zero, which `simulate` replaces."""

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, UInt8
 from numpy import ndarray as Array
 
+from ninedtact.bounds import checks_arguments
 from ninedtact.errors import DeviceError, InputError
 from ninedtact.mechanics.active_region import (
     GridRectangle,
@@ -55,6 +56,7 @@ _IMAGES_AT_ONCE = 512
 """Images that are rendered together: enough to fill a GPU, and few enough for the memory of their refined fields."""
 
 
+@checks_arguments
 @dataclass
 class TwinBatch:
     """Environments with one twin and one object each, which are pressed together.
@@ -82,12 +84,6 @@ class TwinBatch:
     def __post_init__(self) -> None:
         if not self.indenters:
             raise InputError(expected="at least one environment", got="none", remedy="give an object for each")
-        if not isinstance(self.twin, Twin):
-            raise InputError(
-                expected="one twin for all environments",
-                got=f"an object of type {type(self.twin).__name__}",
-                remedy="give a batch to each design",
-            )
         self.twin = replace(self.twin, like=_zero_on(self.device), solver_settings=_SOLVER_SETTINGS)
         first, same = self.indenters[0], all(one is self.indenters[0] for one in self.indenters)
         self._indenter = first if same else DeviceHeightGrids(self.twin.like).batch(self.indenters)

@@ -27,16 +27,12 @@ def fits_at_another_turn(
     register: Registration, earlier: TouchedSurface, later: TouchedSurface, found: RegistrationResult
 ) -> bool:
     """Return whether a turn about z other than the one that was found lays the surfaces onto each other as well."""
-    turned = [_turned(found, angle) for angle in _ANGLES_RAD]
+    turned = [found.motion.perturbed(found.centre_mm, np.array([0, 0, 0, 0, 0, angle])) for angle in _ANGLES_RAD]
     misfits = np.array([_misfit(register, earlier, later, motion) for motion in turned])
     beside = np.pad(misfits, 1, constant_values=np.inf)
     minima = np.flatnonzero((misfits <= beside[:-2]) & (misfits <= beside[2:]))
     best = minima[np.argsort(misfits[minima])][:_TRIED]
     return any(_fits_as_well(register(earlier, later, turned[number]), found) for number in best)
-
-
-def _turned(found: RegistrationResult, angle_rad: float) -> RigidMotion:
-    return found.motion.perturbed(found.centre_mm, np.array([0, 0, 0, 0, 0, angle_rad]))
 
 
 def _misfit(register: Registration, earlier: TouchedSurface, later: TouchedSurface, motion: RigidMotion) -> float:

@@ -77,7 +77,7 @@ def test_a_load_counts_as_saturated_from_98_per_cent_of_the_range(axis: int, sig
 
 @pytest.mark.parametrize("ranges", [{"range_n": (0, 1, 1)}, {"range_nm": (1, -1, 1)}, {"range_n": (1, 1, np.nan)}])
 def test_a_range_that_no_sensor_has_is_refused(ranges: dict[str, tuple[float, float, float]]) -> None:
-    with pytest.raises(InputError, match="above zero"):
+    with pytest.raises(InputError, match="above 0"):
         SampleCheckSettings(**ranges)
 
 

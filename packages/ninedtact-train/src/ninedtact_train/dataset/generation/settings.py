@@ -12,7 +12,7 @@ from msgspec import Meta
 from numpy import ndarray as Array
 from tyro.conf import Suppress, arg
 
-from ninedtact.bounds import require_within_bounds
+from ninedtact.bounds import checks_arguments
 from ninedtact.design import SensingArea, SensorDesign
 from ninedtact_train.collecting.training_pair_rule import PairKindShares, SamplingRuleSettings
 from ninedtact_train.population.mechanics_shares import MechanicsShares
@@ -76,6 +76,7 @@ class PressSettings:
         return x, y
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class GenerationSettings:
     """Everything that decides about the bytes of a generated data set. Raises `InputError`."""
@@ -109,9 +110,6 @@ class GenerationSettings:
     """The design that all sensors vary about."""
     rule: Annotated[SamplingRuleSettings, Suppress] = SamplingRuleSettings()
     press: Annotated[PressSettings, Suppress] = field(default_factory=PressSettings)
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)
 
     @property
     def selected_objects(self) -> tuple[str, ...]:
@@ -156,6 +154,7 @@ class GenerationSettings:
         return asdict(self)
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SequenceSettings:
     """Everything that decides about the bytes of a data set of sequences. Raises `InputError`."""
@@ -180,9 +179,6 @@ class SequenceSettings:
     speed_mm_s: Annotated[_Pair, Suppress] = (1.5, 20.0)
     friction: Annotated[_Pair, Suppress] = (0.2, 0.9)
     """Smallest and largest load, speed and friction coefficient, whose logarithms are uniform."""
-
-    def __post_init__(self) -> None:
-        require_within_bounds(self)
 
     @property
     def sensors_and_objects(self) -> GenerationSettings:

@@ -120,7 +120,10 @@ BOARD_CHECKS: tuple[CertificateCheck[BoardQuality], ...] = (
         lambda board: 1 - board.pins_found / board.pins_expected,
         CheckLimit(0.0, MAX_MISSING_FRACTION),
         "",
-        lambda board: f"Pins: found {board.pins_found} of {board.pins_expected}{_missing_pins_in_words(board)}",
+        lambda board: (
+            f"Pins: found {board.pins_found} of {board.pins_expected}"
+            + (f"; predicted from the others: {'; '.join(board.missing_pins)}" if board.missing_pins else "")
+        ),
         "press harder there, or hold the board flatter",
         _OF_LENS,
         lambda board: "board pressed unevenly",
@@ -386,8 +389,3 @@ def _likely_lengths_in_words(lengths: LengthPlausibility) -> str:
     if lengths.pitch_wrong_probability >= lengths.ball_radius_wrong_probability:
         return f"; a pitch of {lengths.likely_pitch_mm:.1f} mm fits better"
     return f"; a radius of {lengths.likely_ball_radius_mm:.1f} mm fits better"
-
-
-def _missing_pins_in_words(board: BoardQuality) -> str:
-    """Return the names of the missing pins, or an empty text."""
-    return f"; predicted from the others: {'; '.join(board.missing_pins)}" if board.missing_pins else ""

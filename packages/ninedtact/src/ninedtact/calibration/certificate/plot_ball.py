@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray as Array
 
-from ninedtact.calibration.ball.ball_press import BallFit, BallPress
+from ninedtact.calibration.ball.ball_press import BallPress
 from ninedtact.calibration.certificate.plot_board import (
     INK,
     PALE_INK,
@@ -78,10 +78,12 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
     axes = add_labelled_axes(
         figure, (0.13, 0.135, 0.85, 0.725), f"darkening {DARKENING[curve.signal]}", "thinning of the gel (mm)"
     )
+    ball = calibration.ball
+    loss = ball.loss(ball.press.after.grey, ball.press.before.grey)
     shades: dict[str, Any] = {"cmap": "Blues", "norm": LogNorm(vmin=MIN_PIXELS_PER_SPOT)}
     axes.hexbin(
-        _disc_darkening(calibration.ball, curve.signal),
-        calibration.ball.thinning_mm[calibration.ball.disc],
+        ball.press.darkening(curve.signal, ball.disc, loss),
+        ball.thinning_mm[ball.disc],
         gridsize=(70, 40),
         mincnt=1,
         **shades,
@@ -91,11 +93,6 @@ def plot_depth_curve(calibration: Calibration) -> bytes:
     axes.set(xlim=(0, 1.06 * curve.darkening[-1]), ylim=(0, 1.06 * curve.max_indentation_mm))
     axes.legend(loc="lower right", fontsize=8, frameon=False, labelcolor=INK)
     return figure_to_png(figure)
-
-
-def _disc_darkening(ball: BallFit, signal: BrightnessSignal) -> Float[Array, " n"]:
-    """Return the darkening of every pixel of the disc, in the unit of a curve of this signal."""
-    return ball.press.darkening(signal, ball.disc, ball.loss(ball.press.after.grey, ball.press.before.grey))
 
 
 def _plot_curve_with_band(axes: "Axes", curve: DepthCurve) -> None:

@@ -92,7 +92,6 @@ def _findings_without_compression(drift: DriftMeasurement) -> list[DriftFinding]
 
 
 def _find_bands(bands: LightBands) -> DriftFinding:
-    """Return the finding of bands in the light."""
     remedy = "dim the LEDs by current, not by pulses, or expose for a multiple of their period"
     return DriftFinding("light uneven", f"the image has {bands.sentence}", remedy, None)
 

@@ -158,7 +158,8 @@ class KnownPressing:
             for moment in (moment for moment in self.pressed if moment.contact in kept_out):
                 truths.append(_true_six(moment, alignment, self.samples))
                 befores.append(moment.six[self._middle])
-                afters.append(_six_on_base(moment, self.bases, fit.ratio) * _factors(fit))
+                factors = fit.factor * np.where(SHEAR_COMPONENTS, fit.shear_factor, 1.0)
+                afters.append(_six_on_base(moment, self.bases, fit.ratio) * factors)
         true, before, after = map(np.array, (truths, befores, afters))
         spread = np.abs(true - np.median(true, axis=0)).mean(axis=0)
         mae = [np.abs(found - true).mean(axis=0) for found in (before, after)]
@@ -270,11 +271,6 @@ def _known_loads(
 def _six_on_base(moment: PressedMoment, bases: AssumedBases, ratio: float) -> Float[Array, "6"]:
     """Return the estimated wrench on a base between the assumed ones."""
     return np.asarray(PchipInterpolator(bases.ratios, moment.six)(ratio)) if bases.is_searched else moment.six[0]
-
-
-def _factors(fit: KnownLoadFit) -> Float[Array, "6"]:
-    """Return the factor on each component of a wrench."""
-    return fit.factor * np.where(SHEAR_COMPONENTS, fit.shear_factor, 1.0)
 
 
 def _fit_shear(

@@ -6,9 +6,12 @@ The source stays open and the next read continues. `SkippingWrenchSource` is for
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
+from ninedtact.bounds import checks_arguments
 from ninedtact.capture.wrench_source import (
     WrenchFrozen,
     WrenchJumped,
@@ -17,22 +20,24 @@ from ninedtact.capture.wrench_source import (
     WrenchSource,
     WrenchSourceWrapper,
 )
-from ninedtact.errors import InputError
 from ninedtact.quantities import Wrench
 
 _NS_PER_MS = 1_000_000
 _AXES = ("F_x", "F_y", "F_z", "T_x", "T_y", "T_z")
 _UNITS = ("N", "N", "N", "N·m", "N·m", "N·m")
 _LEAST_REPEATS = 5
+_Range = Annotated[float, Meta(gt=0)]
+_Ranges = tuple[_Range, _Range, _Range]
 
 
+@checks_arguments
 @dataclass(frozen=True)
 class SampleCheckSettings:
     """When a sample is rejected; all values are in the frame of the device, before any tare."""
 
-    range_n: tuple[float, float, float] | None = None
+    range_n: _Ranges | None = None
     """Range of the force/torque sensor along each axis, N, from its data sheet; samples near its end are not saved."""
-    range_nm: tuple[float, float, float] | None = None
+    range_nm: _Ranges | None = None
     """Range of the force/torque sensor about each axis, N·m."""
     saturated_fraction: float = 0.98
     """Fraction of the range from which a sample counts as saturated."""
@@ -46,15 +51,6 @@ class SampleCheckSettings:
     """Largest time between two samples whose change is judged."""
     jump_settles_ms: float = 50.0
     """After this long at the new level it counts as the load. What moved the reading may also have moved its zero."""
-
-    def __post_init__(self) -> None:
-        for limits, unit in ((self.range_n, "N"), (self.range_nm, "N·m")):
-            if limits is not None and not all(limit > 0 for limit in limits):
-                raise InputError(
-                    expected="three ranges of a force/torque sensor above zero",
-                    got=f"{limits} {unit}",
-                    remedy="take them from its data sheet",
-                )
 
 
 class CheckedWrenchSource(WrenchSourceWrapper):

@@ -8,12 +8,14 @@ import logging
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from msgspec import Meta
 from numpy import ndarray as Array
 
+from ninedtact.bounds import require_within_bounds
 from ninedtact.errors import FileFormatError, MissingLibraryError
 from ninedtact.limited_process import FileTooCostly, run_limited
 from ninedtact.mechanics.height_grid_indenter import HeightGridIndenter, indenter_from_heights
@@ -63,8 +65,8 @@ class MeshPlacement:
     unit: str = "mm"
     side: str = "-z"
     """The side that faces the skin."""
-    scale: float = 1.0
-    fit_mm: float | None = None
+    scale: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
+    fit_mm: Annotated[float, Meta(gt=0, le=1e6)] | None = None
     """If given, the mesh is scaled until the longer side of its footprint has this length."""
 
     def __post_init__(self) -> None:
@@ -74,12 +76,7 @@ class MeshPlacement:
                 got=f"{self.unit} and {self.side}",
                 remedy="correct them",
             )
-        if not all(0 < size < np.inf for size in (self.scale, 1.0 if self.fit_mm is None else self.fit_mm)):
-            raise MeshUnusable(
-                expected="a scale and a size to fit above zero",
-                got=f"{self.scale} and {self.fit_mm}",
-                remedy="correct it",
-            )
+        require_within_bounds(self, refusal=MeshUnusable)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,6 @@ from ninedtact.simulation.objects.height_fields import (
 
 
 def _ball(sample: DimensionSampler, grid: CoordinateGrid) -> Heightfield:
-    """Return the heights of a sphere."""
     return round_bar_heights(grid.r, sample.between(2, 8))
 
 
