@@ -56,12 +56,11 @@ class EstimateCommand:
     def run(self) -> int:
         """Estimate every image; return 1 where an image is bad, a video or recording is damaged or a camera lost, after what came
         before it; raises that error where nothing did."""
-        from ninedtact.atomic_write import require_place_for_file
+        from ninedtact.atomic_write import require_new_file
         from ninedtact.errors import CameraError, FileFormatError
         from ninedtact.shape.image_plausibility import ImageImplausible
 
-        if self.out is not None:
-            require_place_for_file(self.out)
+        require_new_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             sensor = self.open_on_source(folder)
             found: list[dict[str, Any]] = []
