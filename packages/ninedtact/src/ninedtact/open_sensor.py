@@ -62,7 +62,7 @@ def open(  # noqa: A001 - users read `ninedtact.open`, as in `gzip.open`
     Raises
     ------
     SensorFolderDamaged, CalibrationError, InputError, ForceModelUnusable,
-    FileFormatError, ForceEstimationError, FileFormatError, ReferenceUnusable, InputError
+    FileFormatError, ForceEstimationError, ReferenceUnusable
         The sensor, the source, the estimator or a reference image is not usable. Opening the returned sensor raises what
         its source raises.
 

@@ -25,7 +25,7 @@ class CompareCommand:
     sensors: tyro.conf.Positional[tuple[Path, ...]]
     """Sensor folders that `ninedtact calibrate` wrote, two or more."""
     out: Path | None = None
-    """HTML page to write, with the curves and the reference images beside the table."""
+    """New HTML page to write, with the curves and the reference images beside the table."""
     json: JsonOption = False
 
     def run(self) -> int:

@@ -49,7 +49,7 @@ class EstimateCommand:
     about_mm: Point = (0.0, 0.0, 0.0)
     """Point that torques are about, in the sensor's frame: 0 0 -35 is the paper's force/torque sensor."""
     out: Path | None = None
-    """CSV file for the wrenches."""
+    """New CSV file for the wrenches."""
     json: bool = False
     """Print the result as one JSON object; errors are null where nothing is estimated."""
 

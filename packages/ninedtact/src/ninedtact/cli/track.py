@@ -56,7 +56,7 @@ class TrackCommand:
     rate_hz: AboveZero | None = None
     """With --rectified: images per second; without it, the times of the video, and 10 for a folder."""
     out: Path | None = None
-    """CSV file for the path."""
+    """New CSV file for the path."""
     json: bool = False
     """Print the result as one JSON object; what is not known is null."""
 
