@@ -54,15 +54,22 @@ def open_atomic_file(path: Path | str) -> Iterator[BinaryIO]:
         raise
 
 
-def require_place_for_file(path: Path | str | None) -> None:
-    """Refuse a file that could not be written in the end, before long work for it begins; raises `FileNotWritten`.
+def require_new_file(path: Path | None, option: str = "--out") -> None:
+    """Refuse a file that would replace one or could not be written, before long work for it begins; None: nobody asked for one.
 
-    None is a file that nobody asked for.
+    Raises `OutputError`, `FileNotWritten`.
     """
     if path is None:
         return
-    is_taken = Path(path).exists() and not Path(path).is_file()
-    if is_taken or not os.access(Path(path).parent, os.W_OK):
+    if path.is_file():
+        raise OutputError(expected=f"{option} to be a new file", got=str(path), remedy="choose another name")
+    require_place_for_file(path)
+
+
+def require_place_for_file(path: Path) -> None:
+    """Refuse a file that could not be written in the end, before long work for it begins; raises `FileNotWritten`."""
+    is_taken = path.exists() and not path.is_file()
+    if is_taken or not os.access(path.parent, os.W_OK):
         with open_atomic_file(path):  # refuses it in its own words
             pass
 

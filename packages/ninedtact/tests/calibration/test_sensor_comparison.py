@@ -55,6 +55,16 @@ def test_the_command_prints_a_table_and_writes_a_page(
     assert found["quantities"][0]["differs"] is True
 
 
+@pytest.mark.parametrize("name", [r"$\frac$", "dr\udcfcck"])
+def test_sensors_may_lie_in_folders_of_any_name(
+    name: str, sensor_a: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a formula, or a name that is not UTF-8; sensors of one name are told apart by their folders."""
+    other = shutil.copytree(sensor_a.path, tmp_path / name)
+    assert main(["compare", str(sensor_a.path), str(other), "--out", str(tmp_path / "both.html")]) == 0
+    assert name.replace("\udcfc", r"\udcfc") in capsys.readouterr().out.splitlines()[0]
+
+
 @pytest.mark.parametrize("given", ["none", "one", "twice"])
 def test_fewer_than_two_sensors_are_one_sentence(
     given: str, sensor_a: SensorFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]

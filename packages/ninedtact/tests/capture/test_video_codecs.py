@@ -1,5 +1,6 @@
 """Videos of other programs, written by FFmpeg (PyAV): their times, their codecs, and the JPEG images of its encoder."""
 
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -59,6 +60,15 @@ def test_a_video_has_the_rate_and_the_times_of_its_images(
         assert video.recorded_hz == pytest.approx(1000 / step_ms, rel=0.2)
         stamps_ns = [frame.stamp_ns for frame in video]
     assert np.diff(stamps_ns) / 1e6 == pytest.approx(np.diff(times_ms), abs=0.1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_a_video_may_have_any_name_of_the_file_system(tmp_path: Path) -> None:
+    """OpenCV ends the process at one that is not UTF-8."""
+    write_video(tmp_path / "video", "mjpeg", 33 * np.arange(4), "avi")
+    path = (tmp_path / "video").rename(tmp_path / "dr\udcfcck.avi")
+    with VideoFile(path) as video:
+        assert len(list(video)) == 4
 
 
 def test_a_codec_without_a_decoder_is_named(tmp_path: Path) -> None:

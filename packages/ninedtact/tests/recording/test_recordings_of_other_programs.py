@@ -177,6 +177,9 @@ def test_images_of_every_driver_are_read_as_blue_green_and_red(skin: np.ndarray,
     data = encode_message("sensor_msgs/msg/Image", header=header, step=rows.shape[1], data=rows.reshape(-1), **layout)
     truth = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR) if is_grey else skin
     np.testing.assert_array_equal(decode_image(data), truth)
+    empty = encode_message("sensor_msgs/msg/Image", header=header, step=0, data=rows[:0, 0], **{**layout, "height": 0})
+    with pytest.raises(ValueError, match="0 bytes"):
+        decode_image(empty)
     with pytest.raises(ValueError, match=r"yuv.*bgr8.*are read"):
         decode_image(data.replace(encoding.encode() + b"\0", b"yuv422_yuy2"[: len(encoding)] + b"\0"))
 
@@ -192,3 +195,15 @@ def test_the_file_in_the_folder_of_a_bag_is_named(
     ):
         assert main([*command, str(tmp_path)]) == 1
     assert capsys.readouterr().err.count(str(path)) >= 2
+
+
+def test_a_recording_without_images_of_ros_names_its_topics(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "foxglove.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("foxglove.CompressedImage", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel("/camera", "json", schema), WALL_NS, b"{}", WALL_NS)
+        writer.finish()
+    assert main(["info", str(path)]) == 1
+    assert "/camera (foxglove.CompressedImage); record with" in capsys.readouterr().err

@@ -171,6 +171,7 @@ def test_the_command_writes_the_slip_of_a_ball(
     rate_hz = 1 / (float(rows[1]["time_s"]) - float(rows[0]["time_s"]))
     assert end["slip_speed_mm_s"] == pytest.approx(0.1 * rate_hz, rel=0.3)
     assert 0 <= end["p_incipient"] <= 1 - end["p_gross"] + 1e-6
+    out.unlink()
     assert main(["track", str(tmp_path / "images"), *map(str, words), "--force", "none"]) == 0
     assert {row["slip"] for row in csv.DictReader(out.open())} == {"unknown"}
 

@@ -69,7 +69,7 @@ class CheckDatasetCommand:
 
     def run(self) -> int:
         """Check the pairs, write the list and print the counts; raises `DatasetError`, also with `--strict`."""
-        from ninedtact.atomic_write import require_place_for_file
+        from ninedtact.atomic_write import require_new_file, require_place_for_file
         from ninedtact_train.dataset.checks import check_dataset
         from ninedtact_train.dataset.fault_report import (
             require_any_usable_pair,
@@ -78,7 +78,8 @@ class CheckDatasetCommand:
         )
 
         path = self.report or self.folder / "check.json"
-        if self.report is not None or self.folder.is_dir():  # a data set that is not there is said next
+        require_new_file(self.report, "--report")
+        if self.folder.is_dir():  # a data set that is not there is said next
             require_place_for_file(path)
         report = check_dataset(self.folder, self.limits, self.workers, progress=not self.json)
         write_quality_report(path, report)

@@ -15,7 +15,7 @@ from numpy import ndarray as Array
 
 from ninedtact.calibration.gel_fit_to_known_loads import MODULUS_STD
 from ninedtact.calibration.sensor_folder import SensorFolder, load_sensor
-from ninedtact.errors import InputError
+from ninedtact.errors import InputError, printable_text
 from ninedtact.mechanics.indenter import Ball
 from ninedtact.mechanics.pose import Pose
 
@@ -78,7 +78,11 @@ class SensorComparison:
     def names(self) -> tuple[str, ...]:
         """The sensors' names; the paths of their folders where two sensors have one name."""
         names = tuple(sensor.id for sensor in self.sensors)
-        return names if len(set(names)) == len(names) else tuple(str(sensor.path) for sensor in self.sensors)
+        return (
+            names
+            if len(set(names)) == len(names)
+            else tuple(printable_text(str(sensor.path)) for sensor in self.sensors)
+        )
 
 
 def compare_sensors(folders: Sequence[Path | str]) -> SensorComparison:

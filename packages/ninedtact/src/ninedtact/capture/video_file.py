@@ -7,6 +7,7 @@ of completeness are checked: the end marker of a JPEG image, the checksums of FF
 header show what the file lacks. Damage within an image of another format (MPEG-4, H.264) is not found unless the decoder gives up.
 """
 
+import os
 import time
 import zlib
 from collections.abc import Sequence
@@ -82,12 +83,12 @@ class VideoFile(AddressedFrameSource):
             if not self.path.is_file():
                 raise CameraError(expected=f"a video file at {self.path}", got="none", remedy="check the path")
             silence_video_libraries()
-            images = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+            images = self._capture()
             if not images.isOpened():
                 raise FileFormatError(
                     expected=f"a video in {self.path}", got="something else or half a file", remedy="record it again"
                 )
-            self._packets = self._open_packets()
+            self._packets = self._capture(cv2.CAP_PROP_FORMAT, -1)  # its images as they are stored
             self._rate_hz, self._announced = images.get(cv2.CAP_PROP_FPS), images.get(cv2.CAP_PROP_FRAME_COUNT)
             self.recorded_hz = self._measure_rate_hz()
             self._began_ns = time.monotonic_ns() - round(1e9 * max(self._announced, 0.0) / (self._rate_hz or 1.0))
@@ -133,13 +134,13 @@ class VideoFile(AddressedFrameSource):
                 self._packets.release()
             self._images = None
 
-    def _open_packets(self) -> cv2.VideoCapture:
-        """Open the file once more, to read its images as they are stored."""
-        return cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+    def _capture(self, *settings: int) -> cv2.VideoCapture:
+        """Return OpenCV's reader of the file, which ends the process at a text that is not Unicode, as names of files may be."""
+        return cv2.VideoCapture(os.fsencode(self.path), cv2.CAP_FFMPEG, settings)  # type: ignore[call-overload]
 
     def _measure_rate_hz(self) -> float:
         """Return the rate that the header states where the times of the first images confirm it, otherwise theirs."""
-        packets, positions_ms = self._open_packets(), list[float]()
+        packets, positions_ms = self._capture(cv2.CAP_PROP_FORMAT, -1), list[float]()
         while len(positions_ms) < _TIMED_IMAGES and packets.grab():
             positions_ms.append(packets.get(cv2.CAP_PROP_POS_MSEC))
         packets.release()

@@ -25,15 +25,15 @@ class CompareCommand:
     sensors: tyro.conf.Positional[tuple[Path, ...]]
     """Sensor folders that `ninedtact calibrate` wrote, two or more."""
     out: Path | None = None
-    """HTML page to write, with the curves and the reference images beside the table."""
+    """New HTML page to write, with the curves and the reference images beside the table."""
     json: JsonOption = False
 
     def run(self) -> int:
         """Compare, write the page if one is asked for, and print the table."""
-        from ninedtact.atomic_write import require_place_for_file, write_file_atomically
+        from ninedtact.atomic_write import require_new_file, write_file_atomically
         from ninedtact.calibration.sensor_comparison import compare_sensors
 
-        require_place_for_file(self.out)
+        require_new_file(self.out)
         comparison = compare_sensors(self.sensors)
         for sensor in comparison.sensors:
             print_notices(sensor.notices)

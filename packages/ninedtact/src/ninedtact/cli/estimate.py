@@ -49,19 +49,18 @@ class EstimateCommand:
     about_mm: Point = (0.0, 0.0, 0.0)
     """Point that torques are about, in the sensor's frame: 0 0 -35 is the paper's force/torque sensor."""
     out: Path | None = None
-    """CSV file for the wrenches."""
+    """New CSV file for the wrenches."""
     json: bool = False
     """Print the result as one JSON object; errors are null where nothing is estimated."""
 
     def run(self) -> int:
         """Estimate every image; return 1 where an image is bad, a video or recording is damaged or a camera lost, after what came
         before it; raises that error where nothing did."""
-        from ninedtact.atomic_write import require_place_for_file
+        from ninedtact.atomic_write import require_new_file
         from ninedtact.errors import CameraError, FileFormatError
         from ninedtact.shape.image_plausibility import ImageImplausible
 
-        if self.out is not None:
-            require_place_for_file(self.out)
+        require_new_file(self.out)
         with given_or_recorded_sensor(self.sensor, self.source[0] if self.source else "") as folder:
             sensor = self.open_on_source(folder)
             found: list[dict[str, Any]] = []

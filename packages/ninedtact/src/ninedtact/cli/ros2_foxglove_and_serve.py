@@ -222,14 +222,13 @@ class FoxgloveCommand:
     def run(self) -> int:
         """Serve until Ctrl-C."""
         require_libraries("foxglove", "foxglove", "websockets", "rosbags")
-        from ninedtact.atomic_write import write_file_atomically
+        from ninedtact.atomic_write import require_new_file, write_file_atomically
         from ninedtact.interop.foxglove import FoxgloveServer, foxglove_layout
         from ninedtact.interop.ros2_topics_and_messages import SensorMessages
         from ninedtact.interop.sensor_sharing import watch_sensor
         from ninedtact.recording.topics_and_messages import ros_name
 
-        if self.layout is not None and self.layout.exists():
-            raise InputError(expected="--layout to name a new file", got=f"{self.layout}", remedy="choose another name")
+        require_new_file(self.layout, "--layout")
         served = 0
         with (
             self.shared.assemble(self.source, self.sensor) as (folder, live),

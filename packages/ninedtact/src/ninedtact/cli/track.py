@@ -56,7 +56,7 @@ class TrackCommand:
     rate_hz: AboveZero | None = None
     """With --rectified: images per second; without it, the times of the video, and 10 for a folder."""
     out: Path | None = None
-    """CSV file for the path."""
+    """New CSV file for the path."""
     json: bool = False
     """Print the result as one JSON object; what is not known is null."""
 
@@ -64,11 +64,11 @@ class TrackCommand:
         """Follow the object through every image and print how far it went; return 1 where a file is damaged or a camera lost, after
         what came before it; raises that error where nothing did."""
         import ninedtact
-        from ninedtact.atomic_write import require_place_for_file
+        from ninedtact.atomic_write import require_new_file
         from ninedtact.errors import CameraError, FileFormatError
         from ninedtact.tracking import ContactTracker
 
-        require_place_for_file(self.out)
+        require_new_file(self.out)
         if self.rectified:
             return self._run_rectified()
         of_rectified = {

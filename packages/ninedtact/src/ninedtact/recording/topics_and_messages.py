@@ -374,10 +374,10 @@ def _encode_pixels(topic: Topic, header: Any, shape: tuple[int, ...], encoding: 
 
 
 def _colour_pixels(message: Any) -> UInt8[Array, "rows cols 3"]:
-    """Return the blue, green and red pixels of an image message; raises `ValueError` for an unknown encoding or number of bytes."""
+    """Return the blue, green and red pixels of an image message; raises `ValueError` for another encoding or size, and none."""
     channels, order = _CHANNELS.get(message.encoding, (0, []))
     rows, used, step = message.height, message.width * channels, message.step
-    if not channels or step < used or message.data.nbytes != rows * step:
+    if rows * used == 0 or step < used or message.data.nbytes != rows * step:
         known = ", ".join(_CHANNELS)
         raise ValueError(f"{message.data.nbytes} bytes of encoding {message.encoding[:20]!r}; {known} are read")
     pixels = message.data.reshape(rows, step)[:, :used].reshape(rows, message.width, channels)

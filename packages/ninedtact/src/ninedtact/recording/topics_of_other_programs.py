@@ -39,11 +39,16 @@ def read_sensor_metadata(file: McapFile) -> tuple[RecordingMetadata, ...]:
     if not storage:
         raise RecordingUnreadable(
             expected=f"a recording of ninedtact in {file.path}",
-            got=f"an MCAP file of another program without a topic /SENSOR/{Topic.IMAGES}, or one that was cut short before it "
-            "began",
+            got=f"an MCAP file of another program without a topic /SENSOR/{Topic.IMAGES} of ROS, or one that was cut "
+            f"short before it began: {_listed(file.types_of_topics)}",
             remedy="record with 'ninedtact record'",
         )
     return tuple(_metadata_of_topics(file, sensor, images, len(storage)) for sensor, images in storage.items())
+
+
+def _listed(types_of_topics: Mapping[str, str]) -> str:
+    """Return the first topics of a file and their types in words."""
+    return ", ".join(f"{topic} ({kind})" for topic, kind in types_of_topics.items())[:200] or "no topics"
 
 
 def _metadata_of_topics(file: McapFile, sensor: str, images: ImageStorage, sensors: int) -> RecordingMetadata:

@@ -28,7 +28,6 @@ from ninedtact.shape.light_gradient import LightGradient, find_flat_skin, find_l
 
 _CELL_PX = 8
 """Side of the cells on which gain and bands are measured, rectified pixels."""
-_WHITE = 255.0
 
 _MIN_GAIN_CHANGE = 0.004
 """Change of the median below which the gain is left as it is."""

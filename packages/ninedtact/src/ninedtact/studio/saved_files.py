@@ -4,6 +4,7 @@ Each file appears whole or not at all. All viewers of a page share one `SaveQuot
 """
 
 import json
+import os
 import shutil
 import time
 from collections import deque
@@ -172,7 +173,8 @@ def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path:
             picture = _draw_picture(reading, scale, (reading.stamp_ns - first_ns) / 1e9)
             if not writer.isOpened():
                 rate = round(hz, 2)  # MPEG-4 holds a rate as a fraction of numbers up to 65535
-                writer.open(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), rate, picture.shape[1::-1])
+                name, size = os.fsencode(partial), picture.shape[1::-1]  # see `VideoFile`: a text may end the process
+                writer.open(name, cv2.VideoWriter.fourcc(*"mp4v"), rate, size)  # type: ignore[call-overload]
             writer.write(picture)
             count += 1
             quota.require_space(partial.stat().st_size if partial.exists() else 0, path.parent, "another video")
@@ -188,7 +190,7 @@ def save_video(readings: Iterable[Reading], scale: ColourScale, hz: float, path:
 
 def _require_images(video: Path, count: int, final: Path) -> None:
     """Read the number of images back; raises `FileNotWritten` where some are missing."""
-    reader = cv2.VideoCapture(str(video)) if video.exists() else cv2.VideoCapture()
+    reader = cv2.VideoCapture(os.fsencode(video))  # type: ignore[call-overload]
     written = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
     reader.release()
     if written != count or count == 0:

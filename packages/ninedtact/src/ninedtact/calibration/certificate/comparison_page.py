@@ -19,11 +19,14 @@ _RING_MM = 0.5
 
 def render_comparison_html(comparison: SensorComparison) -> str:
     """Return the page as one self-contained HTML document: images are embedded, and nothing is loaded or executed."""
-    images = {
-        "curves": _plot_depth_curves(comparison),
-        "lens": _plot_lens_scales(comparison),
-        "light": _plot_reference_images(comparison),
-    }
+    from matplotlib import rc_context
+
+    with rc_context({"text.parse_math": False}):  # a name such as a$b$ is no formula
+        images = {
+            "curves": _plot_depth_curves(comparison),
+            "lens": _plot_lens_scales(comparison),
+            "light": _plot_reference_images(comparison),
+        }
     return render_page(
         "comparison.html.jinja",
         {name: content for name, content in images.items() if content is not None},
