@@ -54,8 +54,6 @@ class CellNoise:
 
 _ENOUGH_IMAGES = 30
 CELL_MM = 0.53
-_SAME_LIGHT = 0.002
-"""Change of the light up to which noise stays as it is; beyond it a gain may round grey levels otherwise."""
 
 
 @dataclass(frozen=True)
@@ -71,18 +69,11 @@ class StreamMemory:
     """Largest darkening of images without contact, smoothed and relative alike; zero where none was looked at."""
     learnt_s: float = 0.0
     """Time over which the noise was learnt."""
-    light_levels: tuple[float, float] = (1.0, 1.0)
-    """Least and greatest level of the light (`LightChange.level`) in which it was learnt."""
     flicker: Flicker | None = None
     cell_noise: CellNoise | None = None
     """Noise of every cell; None where it was not learnt."""
     last_darkenings: tuple[Float32[Array, "cell_rows cell_cols"], ...] = field(default=(), compare=False)
     """Darkening of every cell (`measure_darkening_on_cells`) in the last images in which contact was looked for."""
-
-    def knows_light(self, level: float) -> bool:
-        """Return whether the noise was learnt in light of this level."""
-        least, most = self.light_levels
-        return least - _SAME_LIGHT <= level <= most + _SAME_LIGHT
 
 
 @checks_arguments

@@ -64,14 +64,12 @@ class StreamLearner:
             return  # video codecs repeat an image as long as it changes little, which says nothing of the next one
         darkening, _ = measure_darkening_and_limit(reading)
         left = float(np.exp(-gap_s / _FADING_S))
-        level, (least, most) = reading.light.level, self.memory.light_levels
         self.memory = replace(
             self.memory,
             noise=max(noise, left * self.memory.noise),
             darkening=max(darkening, left * self.memory.darkening),
             learnt_s=self.memory.learnt_s + min(gap_s, 1.0),
-            light_levels=(min(level, least), max(level, most)),
-            cell_noise=self._learn_cells() if self.memory.knows_light(level) else None,
+            cell_noise=self._learn_cells(),
         )
         self._noise_ns, self._noise_of_last = reading.stamp_ns, noise
 
