@@ -93,7 +93,7 @@ HEAVY = {
         "ninedtact_train.dataset",
         "ninedtact_hardware",
     },
-    "jinja2": {"ninedtact.page_template", "ninedtact.calibration", "ninedtact.studio"},
+    "jinja2": {"ninedtact.page_template"},
 }
 
 

@@ -3,17 +3,13 @@
 from typing import Any
 
 
-def render_page(package: str, template: str, **values: Any) -> str:
-    """Return a template that lies in a package, filled in; in one named *.html.jinja, texts are escaped.
+def load_template(package: str, template: str) -> Any:
+    """Return a template that lies in a package; in one named *.html.jinja, texts are escaped.
 
-    Raises `jinja2.UndefinedError` where the template uses a value that is not given.
+    Filling it in raises `jinja2.UndefinedError` where it uses a value that is not given.
     """
-    from jinja2 import (
-        Environment,
-        PackageLoader,
-        StrictUndefined,
-        select_autoescape,
-    )  # slow to import, and used only here
+    # Slow to import, and used only here.
+    from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
     pages = Environment(
         loader=PackageLoader(package, "."),
@@ -23,4 +19,9 @@ def render_page(package: str, template: str, **values: Any) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return pages.get_template(template).render(**values)
+    return pages.get_template(template)
+
+
+def render_page(package: str, template: str, **values: Any) -> str:
+    """Return a template of `load_template`, filled in."""
+    return str(load_template(package, template).render(**values))

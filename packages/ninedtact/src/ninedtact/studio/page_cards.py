@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from viser import ViserServer
 
 from ninedtact.live.reading_recorder import RecorderState
 from ninedtact.live.wrench_history import WrenchSourceSnapshot, WrenchWithUncertainty
+from ninedtact.page_template import load_template, render_page
 from ninedtact.quantities import DISPLAY_FACTORS, DISPLAY_UNITS, WRENCH_AXES, Wrench
 from ninedtact.shape.coloured_height_map import ColourScale
 from ninedtact.shape.surface import ShapeSummary
@@ -45,17 +45,10 @@ from ninedtact.tracking import SlipState
 if TYPE_CHECKING:
     from ninedtact.studio.recording_player import RecordingPlayer
 
-_TEMPLATES = Environment(
-    loader=PackageLoader("ninedtact.studio", "."),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
 _SLIP_TONES = {SlipState.STATIC: "live", SlipState.INCIPIENT: "busy", SlipState.GROSS: "lost", SlipState.UNKNOWN: ""}
 """Colours of the slip lamp, which is out where slip is unknown."""
 _SLIP_WORDS = {SlipState.STATIC: "no slip", SlipState.INCIPIENT: "incipient slip", SlipState.GROSS: "gross slip"}
-_CARDS: Any = _TEMPLATES.get_template("page_cards.html.jinja").module
+_CARDS: Any = load_template("ninedtact.studio", "page_cards.html.jinja").module
 
 
 def card_html(card: str, **values: object) -> str:
@@ -242,5 +235,12 @@ def standalone_moment_html(
     for kind in (ImageKind.CAMERA, ImageKind.HEIGHT):
         jpeg = cv2.imencode(".jpg", view.image(kind, True), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
         images[kind] = b64encode(jpeg.tobytes()).decode()
-    page = _TEMPLATES.get_template("exported_moment.html.jinja")
-    return page.render(title=title, scene_page=standalone_scene_html(draw_scene), cards=cards, images=images)
+    scene_page = standalone_scene_html(draw_scene)
+    return render_page(
+        "ninedtact.studio",
+        "exported_moment.html.jinja",
+        title=title,
+        scene_page=scene_page,
+        cards=cards,
+        images=images,
+    )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray as Array
 
-from ninedtact.calibration.certificate.html_page import render_page
+from ninedtact.calibration.certificate.html_page import render_page_with_images
 from ninedtact.calibration.certificate.plot_board import INK, add_labelled_axes, new_certificate_figure
 from ninedtact.calibration.sensor_comparison import SensorComparison
 from ninedtact.calibration.sensor_folder import SensorFolder
@@ -27,7 +27,7 @@ def render_comparison_html(comparison: SensorComparison) -> str:
             "lens": _plot_lens_scales(comparison),
             "light": _plot_reference_images(comparison),
         }
-    return render_page(
+    return render_page_with_images(
         "comparison.html.jinja",
         {name: content for name, content in images.items() if content is not None},
         comparison=comparison,

@@ -1,5 +1,6 @@
 """The certificate as one HTML page: the quality of the calibration, the images and figures that it rests on, and advice.
-`render_certificate_html` takes a `Calibration` and returns the page; `render_page` fills a template, also that of a comparison.
+`render_certificate_html` takes a `Calibration` and returns the page; `render_page_with_images` fills in a template,
+also that of a comparison.
 """
 
 import re
@@ -35,6 +36,7 @@ from ninedtact.calibration.sensor_toml_schema import (
 )
 from ninedtact.design import SecondKind, SensorDesign
 from ninedtact.force.estimator_and_scale import force_scale_of_ball
+from ninedtact.page_template import render_page
 
 BOARD_IMAGES = {"detection": plot_pin_detection, "left_out": plot_leave_one_out_errors}
 BALL_IMAGES = {
@@ -59,7 +61,7 @@ def render_certificate_html(calibration: Calibration) -> str:
     """Return the page as one self-contained HTML document: images are embedded, and nothing is loaded or executed."""
     record = calibration.record
     assert record.certificate is not None, "a calibration that was made here has its figures"
-    return render_page(
+    return render_page_with_images(
         "certificate.html.jinja",
         _plot_certificate_images(calibration),
         record=record,
@@ -83,24 +85,14 @@ def render_certificate_html(calibration: Calibration) -> str:
 
 def replace_force_section(page: str, record: SensorTomlRecord) -> str:
     """Return a certificate whose section on force is replaced by that of this record."""
-    section = render_page("force_section.html.jinja", {}, **_force_section_values(record))
+    section = render_page_with_images("force_section.html.jinja", {}, **_force_section_values(record))
     return _FORCE_SECTION.sub(lambda match: section.strip(), page)
 
 
-def render_page(template: str, images: Mapping[str, bytes], **values: Any) -> str:
+def render_page_with_images(template: str, images: Mapping[str, bytes], **values: Any) -> str:
     """Return a template of this package as one self-contained HTML document, with PNG images embedded by their names."""
-    # jinja2 is imported here because it is slow to import and only this function needs it.
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    pages = Environment(
-        loader=PackageLoader("ninedtact.calibration.certificate", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     embedded = {name: b64encode(content).decode() for name, content in images.items()}
-    return pages.get_template(template).render(images=embedded, **values)
+    return render_page("ninedtact.calibration.certificate", template, images=embedded, **values)
 
 
 def _plot_certificate_images(calibration: Calibration) -> dict[str, bytes]:
