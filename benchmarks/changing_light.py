@@ -101,7 +101,10 @@ STREAMS: dict[str, Change] = {
     "H.264 crf 28": lambda image, _: image,
     "drift 1 % a minute": drift,
     "speck": speck,
+    "steps of a digital gain": lambda image, _: image,
 }
+DIGITAL_GAINS = 1.0, 1.08, 0.985, 0.95
+"""Each for a minute, applied by the camera to whole grey levels."""
 PRESSES: dict[str, Callable[[Image], Image]] = {
     "gain × 1.02": lambda image: image * np.float32(1.02),
     "gain × 1.05": lambda image: image * np.float32(1.05),
@@ -138,6 +141,18 @@ class H264:
         frame = self._av.VideoFrame.from_ndarray(image, format="bgr24")
         decoded = [out for packet in self._encoder.encode(frame) for out in self._decoder.decode(packet)]
         return np.asarray(decoded[-1].to_ndarray(format="bgr24"))
+
+
+class DigitalGain:
+    """Applies another gain every minute, image by image."""
+
+    def __init__(self) -> None:
+        self._number = 0
+
+    def __call__(self, image: Image) -> Image:
+        gain = DIGITAL_GAINS[int(self._number / RATE_HZ / 60) % len(DIGITAL_GAINS)]
+        self._number += 1
+        return np.clip(np.rint(image * np.float32(gain)), 0, 255).astype(np.uint8)
 
 
 def jpeg(image: Image) -> Image:
@@ -226,6 +241,8 @@ def of_streams(
     for kind in kinds:
         change = STREAMS[kind]
         codec: Callable[[Image], Image] = jpeg if "JPEG" in kind else np.asarray
+        if "digital" in kind:
+            codec = DigitalGain()
         if "H.264" in kind:
             try:
                 codec = H264()

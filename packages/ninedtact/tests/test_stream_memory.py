@@ -15,7 +15,8 @@ from ninedtact.force.contact_detection import (
     measure_smooth_noise,
 )
 from ninedtact.quantities import Frame, HeightMap, HeightSource, Rectified
-from ninedtact.reading import Reading
+from ninedtact.reading import Reading, StreamMemory
+from ninedtact.shape.light_change import LightChange
 from ninedtact.stream_memory import StreamLearner, find_flicker
 
 SKIN = np.full((345, 460), 150, np.float32)
@@ -43,6 +44,17 @@ def test_noise_and_drift_are_no_flicker() -> None:
     at_s = np.arange(0, 8, 1 / 30)
     noise = np.random.default_rng(0).normal(0, 0.3, at_s.shape)
     assert find_flicker(np.stack([at_s * 1e9, 150 + noise + 2 * at_s], axis=1)) is None
+
+
+def test_noise_is_learnt_anew_after_a_step_of_the_gain_and_kept_while_the_light_drifts() -> None:
+    learner = StreamLearner(StreamMemory(noise=1e-3, learnt_s=60.0))
+    for number in range(100):
+        learner.learn_light(replace(reading_of(SKIN, number), light=LightChange(gain=1 + 0.001 * number)))
+        assert learner.memory.learnt_s == 60
+    stepped = replace(reading_of(SKIN, 100), light=LightChange(gain=1.15))
+    assert not learner.memory.knows_light(1.15)
+    learner.learn_light(stepped)
+    assert learner.memory.learnt_s == 0 and learner.memory.knows_light(1.15)
 
 
 def test_noise_over_the_view_is_learnt_and_a_light_contact_is_not() -> None:

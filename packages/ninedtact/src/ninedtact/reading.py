@@ -54,6 +54,8 @@ class CellNoise:
 
 _ENOUGH_IMAGES = 30
 CELL_MM = 0.53
+_STEP_OF_GAIN = 0.008
+"""Change of the gain from one image to the next that no drift of the light makes."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,18 @@ class StreamMemory:
     """Largest darkening of images without contact, smoothed and relative alike; zero where none was looked at."""
     learnt_s: float = 0.0
     """Time over which the noise was learnt."""
+    gains: tuple[float, float] = (1.0, 1.0)
+    """Least and greatest gain of the light so far (`LightChange.gain`)."""
     flicker: Flicker | None = None
     cell_noise: CellNoise | None = None
     """Noise of every cell; None where it was not learnt."""
     last_darkenings: tuple[Float32[Array, "cell_rows cell_cols"], ...] = field(default=(), compare=False)
     """Darkening of every cell (`measure_darkening_on_cells`) in the last images in which contact was looked for."""
+
+    def knows_light(self, gain: float) -> bool:
+        """Return whether the light did not change in a step, as when a camera regulates, which rounds grey levels otherwise."""
+        least, most = self.gains
+        return least - _STEP_OF_GAIN < gain < most + _STEP_OF_GAIN
 
 
 @checks_arguments

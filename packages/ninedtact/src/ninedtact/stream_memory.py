@@ -95,7 +95,11 @@ class StreamLearner:
         )
 
     def learn_light(self, reading: Reading) -> None:
-        """Learn from any image how its light flickers."""
+        """Learn from any image how its light flickers; begin to learn the noise anew where the light changed in a step."""
+        gain, (least, most) = reading.light.gain, self.memory.gains
+        if not self.memory.knows_light(gain):
+            self.memory = replace(self.memory, learnt_s=0.0, cell_noise=None)
+        self.memory = replace(self.memory, gains=(min(gain, least), max(gain, most)))
         now_ns = reading.stamp_ns
         reference_level = float(reading.reference.grey[::48].mean())
         self._levels.append((now_ns, reading.light.level * reference_level))

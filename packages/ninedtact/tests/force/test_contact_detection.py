@@ -53,12 +53,13 @@ def reading(
 
 
 @pytest.mark.parametrize("gain", [0.95, 0.985, 1.08])
-def test_a_gain_of_whole_grey_levels_is_no_touch(gain: float, physical_sensor: SensorFolder) -> None:
-    """Levels are rounded a second time, alike over wide regions, as cameras and programs do."""
+@pytest.mark.parametrize("learnt_s", [0.0, 60.0])
+def test_a_gain_of_whole_grey_levels_is_no_touch(gain: float, learnt_s: float, physical_sensor: SensorFolder) -> None:
+    """Levels are rounded a second time, alike over wide regions, as cameras and programs do; also late in a quiet stream."""
     renderer, shape = physical_sensor.twin().renderer, physical_sensor.shape
     reader = shape.depth_reader(*(Frame(renderer.noise.add_to(renderer.reference, seed)) for seed in range(10)))
     image = np.rint(renderer.noise.add_to(renderer.reference, 10) * gain).astype(np.uint8)
-    quiet = StreamMemory(noise=5e-4, darkening=1e-3)
+    quiet = StreamMemory(noise=5e-4, darkening=1e-3, learnt_s=learnt_s)
     assert not detect_contact(replace(read_frame(Frame(image), shape, reader), stream=quiet))
 
 

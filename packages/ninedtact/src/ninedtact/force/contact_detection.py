@@ -124,7 +124,12 @@ def find_faint_contact(reading: Reading, threshold: ContactThreshold = ContactTh
     None where there are none. Noise that is new in every image, as that of motion JPEG, does not stay.
     """
     noise, before = reading.stream.cell_noise, reading.stream.last_darkenings
-    if noise is None or not noise.is_known or len(before) < FAINT_IMAGES - 1:
+    if (
+        noise is None
+        or not noise.is_known
+        or not reading.stream.knows_light(reading.light.gain)
+        or len(before) < FAINT_IMAGES - 1
+    ):
         return None
     darkening = np.minimum.reduce([*before, measure_darkening_on_cells(reading)])
     faint = darkening > np.maximum(threshold.faint_stds * noise.std, np.float32(threshold.min_darkening))
@@ -159,17 +164,18 @@ def correlated_noise_limit(reading: Reading, threshold: ContactThreshold) -> flo
     as that of blocks of compression, is estimated from them.
     """
     stream = reading.stream
+    level = max(float(reading.reference.grey[::NOISE_EVERY_ROWS].mean()), 1.0)
+    has_gain = abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None
+    rounding_of_gain = _GAIN_ROUNDING_LEVELS / level if has_gain else 0.0
     learnt = threshold.reference_noises * stream.noise
     if stream.darkening > 0:
         least, most = (noises * stream.noise for noises in threshold.least_and_most_noises)
-        learnt = float(np.clip(threshold.learnt_darkenings * stream.darkening, least, most))
-    if stream.learnt_s >= threshold.learnt_after_s:
+        learnt = float(np.clip(threshold.learnt_darkenings * stream.darkening, least, max(most, rounding_of_gain)))
+    if stream.learnt_s >= threshold.learnt_after_s and stream.knows_light(reading.light.gain):
         return learnt
-    level = max(float(reading.reference.grey[::NOISE_EVERY_ROWS].mean()), 1.0)
     noise_levels = INTERPOLATED * _estimate_pixel_noise(reading.rectified.grey, reading.reference.grey) * level
     rounding = float(np.exp(-2 * (np.pi * noise_levels) ** 2)) / level
-    if abs(reading.light.level - 1) > _DIGITAL_GAIN or reading.light.bands is not None:
-        rounding = max(rounding, _GAIN_ROUNDING_LEVELS / level)
+    rounding = max(rounding, rounding_of_gain)
     signal = reading.brightness_on_cells
     rows, cols = signal.shape
     coarse = np.asarray(cv2.resize(signal, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA))
